@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -19,10 +20,12 @@ from fringeworks.pair import ReferencePlaneGeometry
 from fringeworks.simulate.fringes import PairSettings, capture_pair
 from fringeworks.simulate.objects import make_object
 from fringeworks.simulate.scene import standard_scene
-from fringeworks.surface.form import fit_form, fit_region
+from fringeworks.surface.form import _refine, _start, fit_form, fit_region
+from fringeworks.surface.form_geometry import GEOMETRIES
 from fringeworks.surface.form_report import find_spheres, report
 from fringeworks.surface.height_map import height_map_points
 from tests.grids import thinned
+from tests.oracles.form import distances, refined
 
 RNG = np.random.default_rng(0)
 
@@ -313,6 +316,52 @@ def test_weights_count():
     plain, weighted = fit_form(points, "sphere"), fit_form(points, "sphere", sigma_mm=sigma)
     assert abs(weighted.parameters["radius_mm"] - 25.0) < 1e-3
     assert weighted.sigma_mm < 0.8 * plain.sigma_mm
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("body", ["plane", "sphere", "cylinder"])
+def test_fits_are_those_of_least_squares(body, weighted):
+    rng = np.random.default_rng(5)
+    make = {"plane": sheet, "sphere": partial(ball, [0, 0, 500], 25.0), "cylinder": pipe}[body]
+    points = make(n=3000, noise=0.3, rng=rng)
+    points = (points - points.mean(axis=0)) / 40.0
+    weight = rng.uniform(0.2, 2.0, len(points)) if weighted else np.ones(len(points))
+    geometry = GEOMETRIES[body]
+    start, _ = _start(points, geometry, rng)
+    values, unit = _refine(start, points, weight, np.ones(len(points), bool), geometry)
+    twin, twin_unit = refined(body, start, points, weight)
+    apart = geometry.distance(values, points) - distances(body, twin, points)
+    assert np.abs(apart).max() < 1e-7
+    # Lengths and signs of directions are free, so that the values themselves may differ.
+    known = geometry.parameters(values, np.zeros(3), 1.0)
+    for name, value in geometry.parameters(twin, np.zeros(3), 1.0).items():
+        np.testing.assert_allclose(np.abs(known[name]), np.abs(value), atol=1e-6)
+    if body != "plane":
+        np.testing.assert_allclose(unit[-1, -1], twin_unit[-1, -1], rtol=1e-5)
+    at = geometry.direction or slice(0, 3)
+    scale = [np.sum(one[at] ** 2) if geometry.direction else 1.0 for one in (values, twin)]
+    np.testing.assert_allclose(
+        np.trace(unit[at, at]) / scale[0], np.trace(twin_unit[at, at]) / scale[1], rtol=1e-5
+    )
+
+
+@pytest.mark.parametrize("body", ["plane", "sphere", "cylinder"])
+def test_derivatives_of_distances_are_exact(body):
+    rng = np.random.default_rng(6)
+    geometry = GEOMETRIES[body]
+    values = rng.normal(size={"plane": 4, "sphere": 4, "cylinder": 7}[body])
+    points = rng.normal(size=(50, 3))
+    rows = geometry.rows(values, points)
+    np.testing.assert_allclose(rows[:, -1], distances(body, values, points), atol=1e-12)
+    np.testing.assert_allclose(rows[:, -1], geometry.distance(values, points), atol=1e-7)
+    for k in range(values.size):
+        step = 1e-6 * np.eye(values.size)[k]
+        slope = (
+            distances(body, values + step, points) - distances(body, values - step, points)
+        ) / 2e-6
+        np.testing.assert_allclose(rows[:, k], slope, atol=1e-7)
+    for still in geometry.free(values):
+        assert np.abs(rows[:, :-1] @ still).max() < 1e-12
 
 
 @pytest.mark.parametrize(

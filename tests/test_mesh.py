@@ -9,7 +9,9 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.files.ply import read_ply
+from fringeworks.surface.cloud import cloud_triangles
 from tests.commands import run
+from tests.oracles import cloud_mesh as oracle
 from tests.surfaces import H, W, cloud_of
 
 trimesh = pytest.importorskip("trimesh")
@@ -72,6 +74,25 @@ def test_triangles_face_the_camera():
     found = fw.surface.cloud_mesh(cloud_of(sphere_depth()))
     p, q, r = found.vertices_mm[found.faces].transpose(1, 0, 2)
     assert (np.sum(np.cross(q - p, r - p) * p, axis=1) < 0).all()
+
+
+@pytest.mark.parametrize("shape", [(H, W), (2, 2), (33, 7), (34, 7)])
+def test_triangles_are_those_of_a_search_by_corners(shape):
+    rng = np.random.default_rng(4)
+    depth = np.nan_to_num(sphere_depth(), nan=520.0) + rng.normal(0.0, 0.05, (H, W))
+    depth[rng.random((H, W)) < 0.1] += 3.0
+    depth[5:][rng.random((H - 5, W)) < 0.05] = np.nan
+    whole = cloud_of(depth)
+    cut = slice(0, shape[0]), slice(0, shape[1])
+    parts = (whole.xyz_mm, whole.sigma_mm, whole.noise_mm, whole.reason)
+    cloud = fw.PointCloud(*(part[cut] for part in parts))
+    expected = oracle.triangles(cloud)
+    assert len(expected)
+    np.testing.assert_array_equal(cloud_triangles(cloud), expected)
+    used, faces = np.unique(expected, return_inverse=True)
+    mesh = fw.surface.cloud_mesh(cloud)
+    np.testing.assert_array_equal(mesh.faces, faces.reshape(-1, 3))
+    np.testing.assert_array_equal(mesh.vertices_mm, cloud.xyz_mm.reshape(-1, 3)[used])
 
 
 def test_fewer_triangles_keep_the_surface_within_their_sigma():

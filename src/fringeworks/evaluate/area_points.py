@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,8 @@ CELLS = 8
 change by little."""
 MIN_POINTS = 10
 """Points that an area needs: as a fit does."""
+
+Known = TypeVar("Known")
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,8 @@ class AreaPoints:
     """Errors of each cell's points that the rig's covariance stands for, (cells, 3, k), mm: k
     independent parts, which all areas have in common. None where no covariance is known: the
     common errors of patches then count."""
+    known: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+    """What was computed of these points, by its name; see ``once``."""
 
     @property
     def size_mm2(self) -> FloatMap:
@@ -90,6 +94,23 @@ class AreaPoints:
             return np.ones(len(self.noise))
         sigma = np.hypot(self.noise, self.blur)
         return np.asarray(np.median(sigma) / sigma)
+
+    def once(self, name: str, compute: Callable[[Self], Known]) -> Known:
+        """Compute what several quantities need, such as a body through the points, only once.
+
+        Raises
+        ------
+        InputError as ``compute`` does, each time.
+        """
+        if name not in self.known:
+            try:
+                self.known[name] = compute(self)
+            except InputError as problem:
+                self.known[name] = problem
+        found = self.known[name]
+        if isinstance(found, InputError):
+            raise found
+        return cast(Known, found)
 
     def without_noise(self) -> Self:
         """The same points, if they had no noise of their own."""
@@ -123,16 +144,26 @@ def sigma_of(terms: Sequence[Term]) -> float:
     variance, blur = 0.0, 0.0
     by_rig: FloatMap | float = 0.0
     for area, weights, direction in terms:
-        change = weights * np.sum(area.by_value * direction, axis=1)
+        change = weights * _along(area.by_value, direction)
         variance += float(np.sum((change * area.noise) ** 2))
         blur += float(change @ area.blur)
         if area.by_rig is None:
             variance += float(np.sum(np.bincount(area.patch, change * area.common) ** 2))
             continue
-        moved = np.broadcast_to(weights[:, None] * direction, (len(weights), 3))
-        cells = [np.bincount(area.cell, moved[:, k], len(area.by_rig)) for k in range(3)]
-        by_rig = by_rig + np.einsum("kc,ckj->j", np.stack(cells), area.by_rig)
+        if direction.ndim == 1:
+            moved = np.outer(direction, np.bincount(area.cell, weights, len(area.by_rig)))
+        else:
+            parts = (weights * direction[:, k] for k in range(3))
+            moved = np.stack([np.bincount(area.cell, one, len(area.by_rig)) for one in parts])
+        by_rig = by_rig + np.einsum("kc,ckj->j", moved, area.by_rig)
     return float(np.sqrt(variance + blur**2 + np.sum(np.square(by_rig))))
+
+
+def _along(vectors: FloatMap, direction: FloatMap) -> FloatMap:
+    """Parts of vectors (n, 3) along one direction (3,) or one of each, (n,)."""
+    if direction.ndim == 1:
+        return np.asarray(vectors @ direction)
+    return np.asarray(np.einsum("nc,nc->n", vectors, direction))
 
 
 def area_points(surface: HeightMap | PointCloud, area: Area, rig: Rig | None = None) -> AreaPoints:
@@ -171,7 +202,9 @@ def area_points(surface: HeightMap | PointCloud, area: Area, rig: Rig | None = N
     patch = PATCHES * _part(rows, PATCHES) + _part(columns, PATCHES)
     cell, by_rig = patch, None
     if rig is not None and isinstance(surface, PointCloud):
-        cell = np.unique(CELLS * _part(rows, CELLS) + _part(columns, CELLS), return_inverse=True)[1]
+        cell = CELLS * _part(rows, CELLS) + _part(columns, CELLS)
+        # Cells without points have no number.
+        cell = (np.cumsum(np.bincount(cell) > 0) - 1)[cell]
         count = np.bincount(cell)
         middles = [np.bincount(cell, spatial.points[:, k]) / count for k in range(3)]
         by_rig = point_errors(rig, np.stack(middles, axis=-1), surface)
@@ -195,9 +228,13 @@ def _inner(
     surface: HeightMap | PointCloud, rows: NDArray[np.int64], columns: NDArray[np.int64]
 ) -> BoolMap:
     """Mark pixels of which all neighbours have a value; all, where too few of them do."""
-    missing = np.pad(surface.reason != Reason.OK, 1)
-    around = [missing[rows + y, columns + x] for y in range(3) for x in range(3)]
-    inner = ~np.logical_or.reduce(around)
+    missing = surface.reason != Reason.OK
+    for axis in range(2):
+        beside, others = np.swapaxes(missing.copy(), 0, axis), np.swapaxes(missing, 0, axis)
+        beside[1:] |= others[:-1]
+        beside[:-1] |= others[1:]
+        missing = np.swapaxes(beside, 0, axis)
+    inner = ~missing[rows, columns]
     return np.asarray(inner if np.count_nonzero(inner) >= MIN_POINTS else inner | True)
 
 
@@ -205,7 +242,7 @@ def noise_along(part: AreaPoints, direction: FloatMap) -> FloatMap:
     """Return the standard deviation of each point along a direction, (n,), mm, that is not common
     to its neighbours; all of it, where the rig does not say which part is."""
     sigma = part.sigma if part.by_rig is None else part.noise
-    return np.asarray(np.abs(np.sum(part.by_value * direction, axis=1)) * sigma)
+    return np.asarray(np.abs(_along(part.by_value, direction)) * sigma)
 
 
 def _part(place: NDArray[np.int64], parts: int) -> NDArray[np.int64]:

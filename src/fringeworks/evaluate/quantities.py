@@ -71,11 +71,13 @@ def narrowest_range(values: FloatMap) -> tuple[float, int, int]:
     -------
     range, index of the largest and of the smallest value in it
     """
-    order = np.argsort(values)
-    kept = _kept(order.size)
-    ranges = values[order[kept - 1 :]] - values[order[: order.size - kept + 1]]
+    count = values.size - _kept(values.size) + 1
+    # The ends of a range are among as many of the smallest and of the largest values.
+    index = np.argpartition(values, (count - 1, values.size - count))
+    low, high = (part[np.argsort(values[part])] for part in (index[:count], index[-count:]))
+    ranges = values[high] - values[low]
     first = int(np.argmin(ranges))
-    return float(ranges[first]), int(order[first + kept - 1]), int(order[first])
+    return float(ranges[first]), int(high[first]), int(low[first])
 
 
 def _kept(count: int) -> int:
@@ -217,7 +219,8 @@ def area_deviation(found: Deviation, area: Area, rig: Rig | None) -> AreaDeviati
     if by_rig is None and pose.by != "best fit":
         covariance = covariance + pose.common
     return AreaDeviation(
-        **{field.name: getattr(base, field.name) for field in fields(base)} | {"by_rig": by_rig},
+        **{field.name: getattr(base, field.name) for field in fields(base) if field.init}
+        | {"by_rig": by_rig},
         distance=np.asarray(found.distance_mm[rows, columns], np.float64),
         outwards=n @ T[:3, :3],
         by_pose=np.column_stack((np.cross(placed, n), n)),
@@ -268,7 +271,7 @@ def parallelism(part: AreaPoints, base: AreaPoints) -> Quantified:
 
 
 def _range_from_plane(part: AreaPoints, base: AreaPoints) -> Quantified:
-    plane = _Plane(base)
+    plane = _plane(base)
     inner = np.flatnonzero(part.inner)
     heights = plane.heights(part.points[inner])
     _, top, bottom = narrowest_range(heights)
@@ -288,7 +291,7 @@ def _range_from_plane(part: AreaPoints, base: AreaPoints) -> Quantified:
 
 def angle(one: AreaPoints, other: AreaPoints) -> Quantified:
     """Angle between the planes of two areas, 0 … 180°: that of their normals to the camera."""
-    planes = _Plane(one), _Plane(other)
+    planes = _plane(one), _plane(other)
     n, m = planes[0].normal, planes[1].normal
     axis = np.cross(n, m)
     sine = float(np.linalg.norm(axis))
@@ -315,7 +318,7 @@ def roundness(part: AreaPoints) -> Quantified:
 
     Each section has a circle of least squares of its own; its farthest 0.3 % do not count.
     """
-    cylinder = _Cylinder(part)
+    cylinder = _cylinder(part)
     count = int(np.clip(len(part.points) // SECTION_POINTS, 1, MOST_SECTIONS))
     order = np.argsort(cylinder.along)
     order = order[part.inner[order]]
@@ -349,7 +352,7 @@ def _section(
 
 def step_height(part: AreaPoints, base: AreaPoints) -> Quantified:
     """Mean distance of an area from the plane through the base, positive towards the camera."""
-    plane = _Plane(base)
+    plane = _plane(base)
     n = len(part.points)
     follows = plane.at(part.points).mean(axis=0) @ plane.inverse
     terms = [Term(part, np.full(n, 1.0 / n), plane.normal), Term(base, -follows, plane.normal)]
@@ -395,7 +398,7 @@ def sphere_spacing(one: AreaPoints, other: AreaPoints) -> Quantified:
 
 def cylinder_diameter(part: AreaPoints) -> Quantified:
     """Diameter of the cylinder of least squares."""
-    found = _Cylinder(part)
+    found = _cylinder(part)
     slopes = np.column_stack(
         (found.across, found.across * found.along[:, None], np.ones(len(found.along)))
     )
@@ -410,7 +413,7 @@ def volume(part: AreaPoints, base: AreaPoints) -> Quantified:
 
     Each pixel counts with its element of the surface, projected on the plane.
     """
-    plane = _Plane(base)
+    plane = _plane(base)
     pieces = np.abs(part.size_mm2 @ plane.normal)
     measured = np.isfinite(pieces)
     share = float(measured.sum()) / part.wanted
@@ -468,7 +471,12 @@ def _fitted(part: AreaPoints, body: BodyKind) -> Form:
 
 def _inverse(slopes: FloatMap, factors: FloatMap) -> FloatMap:
     """Derivative of the values of a weighted fit by the displacement of each point, (k, n)."""
-    return np.asarray(np.linalg.pinv(slopes * factors[:, None]) * factors)
+    weighted = slopes * (factors**2)[:, None]
+    return np.asarray(np.linalg.pinv(weighted.T @ slopes, hermitian=True) @ weighted.T)
+
+
+def _plane(base: AreaPoints) -> _Plane:
+    return base.once("plane", _Plane)
 
 
 class _Plane:
@@ -515,6 +523,10 @@ class _Sphere:
 
 
 def _sphere(part: AreaPoints) -> _Sphere:
+    return part.once("sphere", _sphere_through)
+
+
+def _sphere_through(part: AreaPoints) -> _Sphere:
     form = _fitted(part, "sphere")
     centre = np.asarray(form.parameters["centre_mm"])
     radius = form.parameters["radius_mm"]
@@ -523,6 +535,10 @@ def _sphere(part: AreaPoints) -> _Sphere:
     normals = out / np.linalg.norm(out, axis=1, keepdims=True)
     slopes = np.column_stack((normals, np.ones(len(normals))))
     return _Sphere(centre, radius, normals, _inverse(slopes, form.used * part.weights))
+
+
+def _cylinder(part: AreaPoints) -> _Cylinder:
+    return part.once("cylinder", _Cylinder)
 
 
 class _Cylinder:

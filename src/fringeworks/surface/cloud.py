@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from fringeworks import _core
 from fringeworks.types import (
     MOST_PX,
+    BoolMap,
     FloatMap,
     HeightMap,
     InputError,
@@ -32,6 +33,11 @@ hardly ever measured, because fringes on it are weak."""
 LONG_SIDE = 4.0
 """Largest side of a triangle, relative to the median of all triangles at the same depth. A longer
 one is taken to bridge a step in depth. Empirical: surfaces tilted by up to 75° stay."""
+CORNERS = (((0, 0), (1, 0), (0, 1)), ((0, 1), (1, 0), (1, 1)))
+"""Corners of the two triangles between four neighbouring pixels: (row, column), so that they face
+the camera."""
+BAND_ROWS = 32
+"""Rows of triangles that are judged at a time, so that their sides stay in the caches."""
 MIN_RIGHT_SINE = 1e-6
 """Smallest sine of the angle between ``right`` and the plane's normal: below it, rounding would
 determine the direction of the grid."""
@@ -109,27 +115,50 @@ def cloud_triangles(cloud: PointCloud) -> NDArray[np.uint32]:
     camera's ray, or far longer than usual for its depth.
     """
     h, w = cloud.shape
-    index = np.arange(h * w, dtype=np.int64).reshape(h, w)
-    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
-    faces = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, c, b), (b, c, d))])
-    points = cloud.xyz_mm.reshape(-1, 3)
-    ok = (cloud.reason == Reason.OK).reshape(-1) & np.isfinite(points).all(axis=1)
-    faces = faces[ok[faces].all(axis=1)]
-    if not len(faces):
+    ok = (cloud.reason == Reason.OK) & np.isfinite(cloud.xyz_mm).all(axis=-1)
+    shape = (2, max(h - 1, 0), max(w - 1, 0))
+    valid, steep, per_depth = np.zeros(shape, bool), np.zeros(shape, bool), np.empty(shape)
+    for top in range(0, shape[1], BAND_ROWS):
+        rows = slice(top, min(top + BAND_ROWS, shape[1]))
+        below = slice(top, rows.stop + 1)
+        xyz = np.ascontiguousarray(np.moveaxis(cloud.xyz_mm[below], -1, 0), np.float64)
+        for kind, corners in enumerate(CORNERS):
+            seen = [ok[below][_from_corner(corner)] for corner in corners]
+            valid[kind, rows] = seen[0] & seen[1] & seen[2]
+            p, q, r = (xyz[:, *_from_corner(corner)] for corner in corners)
+            steep[kind, rows], per_depth[kind, rows] = _shape_of(p, q, r)
+    if not valid.any():
         return np.empty((0, 3), np.uint32)
-    p, q, r = (points[faces[:, k]].astype(np.float64) for k in range(3))
+    with np.errstate(invalid="ignore"):
+        kept = valid & ~steep & (per_depth < LONG_SIDE * np.median(per_depth[valid]))
+    faces = []
+    for kind, corners in enumerate(CORNERS):
+        row, column = np.nonzero(kept[kind])
+        first = row * w + column
+        faces.append(np.stack([first + y * w + x for y, x in corners], axis=1).astype(np.uint32))
+    return np.concatenate(faces)
+
+
+def _from_corner(corner: tuple[int, int]) -> tuple[slice, slice]:
+    """Where the corner (row, column) of every square of four neighbours is in a band of rows."""
+    y, x = corner
+    return slice(y, -1 if y == 0 else None), slice(x, -1 if x == 0 else None)
+
+
+def _shape_of(p: FloatMap, q: FloatMap, r: FloatMap) -> tuple[BoolMap, FloatMap]:
+    """Whether triangles are too steep to the camera's ray, and their longest sides over their
+    depths, from their corners (3, h, w); a pixel sees a length in proportion to its depth."""
+    pq, pr, qr = q - p, r - p, r - q
     with np.errstate(all="ignore"):
-        normal = np.cross(q - p, r - p)
-    length_product = np.linalg.norm(normal, axis=1) * np.linalg.norm(p, axis=1)
-    grazing = np.abs(np.einsum("nk,nk->n", normal, p)) < GRAZING_COSINE * length_product
-    longest_side = np.sqrt(
-        np.max([np.sum((s - t) ** 2, axis=1) for s, t in ((p, q), (q, r), (r, p))], axis=0)
-    )
-    # A pixel sees a length in proportion to its depth.
-    with np.errstate(all="ignore"):
-        per_depth = longest_side / p[:, 2]
-    faces = faces[~grazing & (per_depth < LONG_SIDE * np.median(per_depth))]
-    return np.asarray(faces, np.uint32)
+        normal = np.cross(pq, pr, axis=0)
+        product = np.sqrt(_dot(normal, normal)) * np.sqrt(_dot(p, p))
+        steep = np.abs(_dot(normal, p)) < GRAZING_COSINE * product
+        longest = np.maximum(np.maximum(_dot(pq, pq), _dot(qr, qr)), _dot(pr, pr))
+        return steep, np.sqrt(longest) / p[2]
+
+
+def _dot(a: FloatMap, b: FloatMap) -> FloatMap:
+    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 def height_over_plane(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import scipy
+from numpy.typing import NDArray
 
 from fringeworks.statistics.quantiles import robust_sigma
 from fringeworks.surface.form_geometry import GEOMETRIES, BodyKind, FormGeometry
@@ -36,6 +36,11 @@ score of a body."""
 REFINED_POINTS = 200_000
 """Number of points above which the least-squares fit uses every second one, or fewer: the precision
 is then limited by the calibration, not by the number of points."""
+FIRST_JUDGES = 200
+"""Approximate number of points by which all trial bodies are compared first."""
+SECOND_TRIALS = 64
+"""Number of the best of them that all judging points compare (D. Nistér, Preemptive RANSAC, 2003,
+doi:10.1109/ICCV.2003.1238341). The order of bodies by 200 points is off by far fewer places."""
 BODY_SHARE = 0.1
 """Share of the points that must lie on a body for it to be found, 0…1: one body among several."""
 TENTH_OF_NORMAL = 0.125
@@ -52,8 +57,17 @@ Errors of form and of calibration are smooth: about a third of the body in each 
 MAX_RELATIVE_SIGMA = 0.1
 """Largest standard deviation of a radius relative to it, or of a direction in rad, at which a body
 counts as determined. A wall has a curvature of 0 ± something: its radius has no bound."""
-TINY_SINGULAR = 1e-12
-"""Smallest singular value that is divided by."""
+TINY_EIGENVALUE = 1e-24
+"""Smallest eigenvalue of normal equations that is divided by: the points then determine nothing."""
+LEAST_DAMPING = 1e-6
+"""First damping of a step that failed, over the diagonal of the normal equations. Without damping,
+bodies that the points determine converge quadratically."""
+MORE_DAMPING = 10.0
+"""Factor of the damping after a step that failed, and of its decrease after one that did not."""
+SETTLED = 1e-12
+"""Relative change of the squared distances below which a fit has converged."""
+BAND = 8192
+"""Number of points whose derivatives are computed at a time, so that they stay in the caches."""
 ROUNDING = 1e-6
 """Smallest standard deviation of points in sizes of the cloud: single precision of files, for a
 cloud at a distance of ten sizes."""
@@ -261,10 +275,10 @@ def fit_region(
     for _ in range(FIT_ROUNDS):
         size = np.abs(GEOMETRIES[body].distance(values, found.scaled)) * weight
         before, used = used, np.zeros(far.size, bool)
-        used[np.argsort(size, kind="stable")[:kept]] = True
+        used[np.argpartition(size, kept - 1)[:kept]] = True
         if np.array_equal(before, used):
             break
-        values, unit = _refine(values, found.scaled[used], weight[used], GEOMETRIES[body])
+        values, unit = _refine(values, found.scaled, weight, used, GEOMETRIES[body])
     distance = GEOMETRIES[body].distance(values, found.scaled)
     found = found._replace(values=values, unit=unit, distance=distance, used=used)
     return _form(body, found, common_mm, region=np.ones(far.size, bool), far=far)
@@ -328,24 +342,39 @@ def _start(
     judges = points
     if len(points) > JUDGING_POINTS:
         judges = points[rng.choice(len(points), JUDGING_POINTS, False)]
-    best: tuple[float, FloatMap] | None = None
-    for _ in range(geometry.trials):
-        anchor = judges[rng.integers(len(judges))]
-        near = judges[np.sum((judges - anchor) ** 2, axis=1) < NEARBY**2]
-        if len(near) < geometry.points:
-            continue
-        trial = geometry.through(near[rng.choice(len(near), geometry.points, False)])
-        if trial is None:
-            continue
-        # The distance within which the required share of the points lies: the smaller the better.
-        score = float(np.quantile(np.abs(geometry.distance(trial, judges)), BODY_SHARE))
-        if best is None or score < best[0]:
-            best = (score, trial)
-    if best is None:
+    bodies = geometry.through(judges[_neighbours(judges, geometry, rng)])
+    if not len(bodies):
         raise InputError(
             "fit: expected points that determine a body, got points on a line or in one place"
         )
-    return best[1], best[0] / TENTH_OF_NORMAL
+    # The distance within which the required share of the points lies: the smaller the better.
+    for some in (judges[:: max(1, len(judges) // FIRST_JUDGES)], judges):
+        away = np.abs(geometry.distance(bodies, some))
+        scores = np.quantile(away, BODY_SHARE, axis=1, overwrite_input=True)
+        best = np.argsort(scores)[:SECOND_TRIALS]
+        bodies = bodies[best]
+    return bodies[0], float(scores[best[0]]) / TENTH_OF_NORMAL
+
+
+def _neighbours(
+    points: FloatMap, geometry: FormGeometry, rng: np.random.Generator
+) -> NDArray[np.intp]:
+    """Indices of the points of each trial body, (t, k): different ones, within ``NEARBY`` of a
+    random point. Places with too few points have no trial."""
+    anchors = points[rng.integers(len(points), size=geometry.trials)]
+    squares = np.sum(points**2, axis=1)
+    near = np.sum(anchors**2, axis=1)[:, None] + squares - 2.0 * anchors @ points.T < NEARBY**2
+    near = near[near.sum(axis=1) >= geometry.points]
+    count = near.sum(axis=1)
+    first, index = np.cumsum(count) - count, np.nonzero(near)[1]
+    ranks = np.empty((len(count), 0), np.intp)
+    for k in range(geometry.points):
+        # Of the neighbours that remain: each smaller one that was taken moves the rank by one.
+        rank = rng.integers(count - k)
+        for taken in np.sort(ranks, axis=1).T:
+            rank += rank >= taken
+        ranks = np.column_stack((ranks, rank))
+    return np.asarray(index[first[:, None] + ranks])
 
 
 def _fit(
@@ -364,7 +393,7 @@ def _fit(
         before, used = used, np.abs(distance) * weight <= FAR_SIGMAS * max(spread, ROUNDING)
         if used.sum() < MIN_POINTS:
             return None
-        values, unit = _refine(values, scaled[used], weight[used], geometry)
+        values, unit = _refine(values, scaled, weight, used, geometry)
         distance = geometry.distance(values, scaled)
         spread = robust_sigma((distance * weight)[used])
         if np.array_equal(before, used):
@@ -373,22 +402,53 @@ def _fit(
 
 
 def _refine(
-    start: FloatMap, points: FloatMap, weight: FloatMap, geometry: FormGeometry
+    start: FloatMap, points: FloatMap, weight: FloatMap, used: BoolMap, geometry: FormGeometry
 ) -> tuple[FloatMap, FloatMap]:
     """Least squares of the weighted distances: the body's values, and their covariance where
-    points err by 1, independently."""
-    every = max(1, len(points) // REFINED_POINTS)
-    part, part_weight = points[::every], weight[::every]
-    solved = scipy.optimize.least_squares(
-        lambda p: geometry.distance(p, part) * part_weight,
-        start,
-        x_scale="jac",
-        method="trf",
-        max_nfev=MAX_STEPS,
-    )
-    _, singular, rows = np.linalg.svd(solved.jac, full_matrices=False)
-    # Directions that do not change the body have singular values of 0, to rounding. All others
-    # count, however small they are: they are what the points hardly determine.
-    count = start.size - geometry.free
-    basis = rows[:count] / np.maximum(singular[:count], TINY_SINGULAR)[:, None]
-    return solved.x, basis.T @ basis / every
+    points err by 1, independently.
+
+    Gauss–Newton with exact derivatives, damped where a step fails (Levenberg and Marquardt).
+    """
+    every = max(1, int(used.sum()) // REFINED_POINTS)
+    index = np.flatnonzero(used)[::every]
+    part, part_weight = points[index], weight[index]
+    values, damping = start, 0.0
+    cost, slope, normal = _normal(values, part, part_weight, geometry)
+    for _ in range(MAX_STEPS):
+        basis = _changing(values, geometry)
+        inside = basis.T @ normal @ basis
+        damped = inside + damping * np.diag(np.diag(inside))
+        step = -basis @ np.linalg.lstsq(damped, basis.T @ slope, rcond=None)[0]
+        # The step would lower the cost by this much if the distances were linear.
+        if -float(slope @ step) <= SETTLED * cost:
+            break
+        moved = _normal(values + step, part, part_weight, geometry)
+        if moved[0] > cost:
+            damping = max(MORE_DAMPING * damping, LEAST_DAMPING)
+        else:
+            values, (cost, slope, normal) = values + step, moved
+            damping = damping / MORE_DAMPING if damping > LEAST_DAMPING else 0.0
+    basis = _changing(values, geometry)
+    own, vectors = np.linalg.eigh(basis.T @ normal @ basis)
+    basis = (basis @ vectors) / np.sqrt(np.maximum(own, TINY_EIGENVALUE))
+    return values, basis @ basis.T / every
+
+
+def _normal(
+    values: FloatMap, points: FloatMap, weight: FloatMap, geometry: FormGeometry
+) -> tuple[float, FloatMap, FloatMap]:
+    """Sum of the squared weighted distances, half its derivative by the body's values, and the
+    matrix of the normal equations."""
+    moments = np.zeros((values.size + 1, values.size + 1))
+    for start in range(0, len(points), BAND):
+        band = slice(start, start + BAND)
+        rows = geometry.rows(values, points[band])
+        rows *= weight[band, None]
+        moments += rows.T @ rows
+    return float(moments[-1, -1]), moments[-1, :-1], moments[:-1, :-1]
+
+
+def _changing(values: FloatMap, geometry: FormGeometry) -> FloatMap:
+    """Orthonormal changes of the values that change the body, (values, k)."""
+    free = geometry.free(values)
+    return np.asarray(np.linalg.svd(free)[2][len(free) :].T) if len(free) else np.eye(values.size)

@@ -12,11 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
 
-from fringeworks.types import FloatMap
+from fringeworks.types import BoolMap, FloatMap
 
 BodyKind = Literal["plane", "sphere", "cylinder"]
 MAX_RADIUS = 5.0
@@ -25,6 +26,9 @@ one cannot be distinguished from a plane. Empirical."""
 DEGENERATE = 1e-9
 """Determinant or cross product below which a few points do not determine a body, in scaled
 coordinates: points on a line or a plane, to rounding."""
+TINY_LENGTH = 1e-300
+"""Length that is divided by where a point lies on the centre or axis: its direction is undefined,
+and any finite one does."""
 CYLINDER_AXES = 60
 """Number of axis directions that are tried for a cylinder through a few points, evenly over the
 half sphere: 18° apart. The fit afterwards converges from such a start."""
@@ -42,31 +46,52 @@ class FormGeometry:
     """Number of trial bodies for a start. With 30 % of the nearby points on the body, a plane or
     sphere is hit eight times on average. A cylinder needs 60 % for that: its trials are slow,
     because each compares 60 axes."""
-    through: Callable[[FloatMap], FloatMap | None]
-    """The body through points (k, 3); None where they do not determine one."""
+    through: Callable[[FloatMap], FloatMap]
+    """The bodies through points (t, k, 3), (m, values); m ≤ t, without those that the points do not
+    determine."""
     distance: Callable[[FloatMap, FloatMap], FloatMap]
-    """Signed distances of points (n, 3) from a body, (n,): out of a sphere or cylinder, along the
-    normal of a plane."""
+    """Signed distances of points (n, 3) from a body or from several (..., values), (..., n): out of
+    a sphere or cylinder, along the normal of a plane."""
+    rows: Callable[[FloatMap, FloatMap], FloatMap]
+    """Derivatives of the distances from points (n, 3) by a body's values, and the distances as the
+    last column, (n, values + 1)."""
     parameters: Callable[[FloatMap, FloatMap, float], dict[str, Any]]
     """A body's parameters in mm, from the mean and the size of the cloud."""
-    free: int
-    """Number of its values that do not change the body: lengths of directions, a place along an
-    axis."""
+    free: Callable[[FloatMap], FloatMap]
+    """Orthogonal changes of a body's values that do not change the body, (k, values): lengths of
+    directions, a place along an axis."""
     direction: slice | None
     """Where the direction of the normal or axis is among the values."""
     has_radius: bool
     """Whether the last value is a radius."""
 
 
-def _plane_through(p: FloatMap) -> FloatMap | None:
-    n = np.cross(p[1] - p[0], p[2] - p[0])
-    size = np.linalg.norm(n)
-    return None if size < DEGENERATE else np.array([*(n / size), n @ p[0] / size])
+def _squares(vectors: FloatMap) -> FloatMap:
+    """Squared lengths of vectors (..., 3), (...)."""
+    return np.asarray(np.einsum("...c,...c->...", vectors, vectors))
+
+
+def _planes_through(p: FloatMap) -> FloatMap:
+    n = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    size = np.linalg.norm(n, axis=1)
+    good = size >= DEGENERATE
+    n = n[good] / size[good, None]
+    return np.column_stack((n, np.sum(n * p[good, 0], axis=1)))
 
 
 def _plane_distance(q: FloatMap, p: FloatMap) -> FloatMap:
+    size = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
+    return np.asarray(q[..., :3] / size @ p.T - q[..., 3:] / size)
+
+
+def _plane_rows(q: FloatMap, p: FloatMap) -> FloatMap:
     size = np.linalg.norm(q[:3])
-    return np.asarray((p @ q[:3] - q[3]) / size)
+    n = q[:3] / size
+    rows = np.empty((len(p), 5))
+    rows[:, 4] = p @ n - q[3] / size
+    rows[:, :3] = (p - rows[:, 4:] * n) / size
+    rows[:, 3] = -1.0 / size
+    return rows
 
 
 def _plane_parameters(q: FloatMap, mean: FloatMap, scale: float) -> dict[str, Any]:
@@ -81,17 +106,37 @@ def _plane_parameters(q: FloatMap, mean: FloatMap, scale: float) -> dict[str, An
     }
 
 
-def _sphere_through(p: FloatMap) -> FloatMap | None:
-    A = np.column_stack((2.0 * p, np.ones(4)))
-    if abs(np.linalg.det(A)) < DEGENERATE:
-        return None
-    s = np.linalg.solve(A, np.sum(p * p, axis=1))
-    square = s[3] + s[:3] @ s[:3]
-    return None if square <= 0 or square > MAX_RADIUS**2 else np.array([*s[:3], np.sqrt(square)])
+def _plane_free(q: FloatMap) -> FloatMap:
+    return q[None]
+
+
+def _spheres_through(p: FloatMap) -> FloatMap:
+    A = np.concatenate((2.0 * p, np.ones((*p.shape[:2], 1))), axis=2)
+    good = np.abs(np.linalg.det(A)) >= DEGENERATE
+    s = np.linalg.solve(A[good], _squares(p[good])[..., None])[..., 0]
+    square = s[:, 3] + _squares(s[:, :3])
+    small = (square > 0) & (square <= MAX_RADIUS**2)
+    return np.column_stack((s[small, :3], np.sqrt(square[small])))
+
+
+def _sphere_squares(q: FloatMap, p: FloatMap) -> FloatMap:
+    """Squared distances of points from the first three values, (..., n)."""
+    centre = q[..., :3]
+    return np.asarray(_squares(p) - 2.0 * centre @ p.T + _squares(centre)[..., None])
 
 
 def _sphere_distance(q: FloatMap, p: FloatMap) -> FloatMap:
-    return np.asarray(np.linalg.norm(p - q[:3], axis=1) - q[3])
+    return np.asarray(np.sqrt(np.maximum(_sphere_squares(q, p), 0.0)) - q[..., 3:])
+
+
+def _sphere_rows(q: FloatMap, p: FloatMap) -> FloatMap:
+    to_centre = q[:3] - p
+    size = np.sqrt(_squares(to_centre))
+    rows = np.empty((len(p), 5))
+    np.divide(to_centre, np.maximum(size, TINY_LENGTH)[:, None], out=rows[:, :3])
+    rows[:, 3] = -1.0
+    rows[:, 4] = size - q[3]
+    return rows
 
 
 def _sphere_parameters(q: FloatMap, mean: FloatMap, scale: float) -> dict[str, Any]:
@@ -101,38 +146,76 @@ def _sphere_parameters(q: FloatMap, mean: FloatMap, scale: float) -> dict[str, A
     }
 
 
-def _cylinder_through(p: FloatMap) -> FloatMap | None:
+def _sphere_free(q: FloatMap) -> FloatMap:
+    return np.zeros((0, q.size))
+
+
+@cache
+def _axes() -> tuple[FloatMap, FloatMap, FloatMap]:
+    """Directions that are tried for the axis of a cylinder, and two across each, (axes, 3)."""
+    k = np.arange(CYLINDER_AXES)
+    z = (k + 0.5) / CYLINDER_AXES
+    r, a = np.sqrt(1 - z * z), k * GOLDEN_ANGLE_RAD
+    axes = np.stack((r * np.cos(a), r * np.sin(a), z), axis=1)
+    x = np.cross(axes, np.eye(3)[np.argmin(np.abs(axes), axis=1)])
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return axes, x, np.cross(axes, x)
+
+
+def _cylinders_through(p: FloatMap) -> FloatMap:
     """Of many axis directions, the one along which six points lie best on a circle."""
-    best: tuple[float, FloatMap] | None = None
-    for k in range(CYLINDER_AXES):
-        z = (k + 0.5) / CYLINDER_AXES
-        r, a = np.sqrt(1 - z * z), k * GOLDEN_ANGLE_RAD
-        q = _circle_along(p, np.array([r * np.cos(a), r * np.sin(a), z]))
-        if q is None:
-            continue
-        largest = float(np.abs(_cylinder_distance(q, p)).max())
-        if best is None or largest < best[0]:
-            best = (largest, q)
-    return None if best is None else best[1]
+    axes, x, y = _axes()
+    seen = p @ x.T, p @ y.T
+    u, v = (np.swapaxes(one, 1, 2) for one in seen)
+    along_u, along_v, radius, good = _circles(u, v)
+    off = np.hypot(u - along_u[..., None], v - along_v[..., None]) - radius[..., None]
+    largest = np.where(good, np.abs(off).max(axis=2), np.inf)
+    trial, axis = np.arange(len(p)), np.argmin(largest, axis=1)
+    found = np.isfinite(largest[trial, axis])
+    trial, axis = trial[found], axis[found]
+    at = (trial, axis)
+    foot = along_u[at][:, None] * x[axis] + along_v[at][:, None] * y[axis]
+    return np.column_stack((foot, axes[axis], radius[at]))
 
 
-def _circle_along(p: FloatMap, axis: FloatMap) -> FloatMap | None:
-    """The cylinder with this axis direction through points, by least squares; None if too large."""
-    x = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    x /= np.linalg.norm(x)
-    y = np.cross(axis, x)
-    u, v = p @ x, p @ y
-    A = np.column_stack((2 * u, 2 * v, np.ones(len(p))))
-    s, _, rank, _ = np.linalg.lstsq(A, u * u + v * v, rcond=None)
-    square = s[2] + s[0] ** 2 + s[1] ** 2
-    if rank < 3 or square <= 0 or square > MAX_RADIUS**2:
-        return None
-    return np.array([*(s[0] * x + s[1] * y), *axis, np.sqrt(square)])
+def _circles(u: FloatMap, v: FloatMap) -> tuple[FloatMap, FloatMap, FloatMap, BoolMap]:
+    """Centres and radii of the circles through points (..., k) by least squares of u² + v², and
+    which of them are determined and not too large, (...)."""
+    mean_u, mean_v = u.mean(axis=-1), v.mean(axis=-1)
+    u, v = u - mean_u[..., None], v - mean_v[..., None]
+    square = u * u + v * v
+    uu, uv, vv = np.sum(u * u, axis=-1), np.sum(u * v, axis=-1), np.sum(v * v, axis=-1)
+    right_u, right_v = 0.5 * np.sum(u * square, axis=-1), 0.5 * np.sum(v * square, axis=-1)
+    determinant = uu * vv - uv * uv
+    good = determinant >= DEGENERATE
+    determinant = np.where(good, determinant, 1.0)
+    x = (vv * right_u - uv * right_v) / determinant
+    y = (uu * right_v - uv * right_u) / determinant
+    # The points' mean is the origin here: mean square distances are those of the mean, and more.
+    radius = np.sqrt(square.mean(axis=-1) + x * x + y * y)
+    return x + mean_u, y + mean_v, radius, good & (radius <= MAX_RADIUS)
 
 
 def _cylinder_distance(q: FloatMap, p: FloatMap) -> FloatMap:
-    axis = q[3:6] / np.linalg.norm(q[3:6])
-    return np.asarray(np.linalg.norm(np.cross(p - q[:3], axis), axis=1) - q[6])
+    axis = q[..., 3:6] / np.linalg.norm(q[..., 3:6], axis=-1, keepdims=True)
+    along = axis @ p.T - np.einsum("...c,...c->...", axis, q[..., :3])[..., None]
+    square = _sphere_squares(q, p) - along * along
+    return np.asarray(np.sqrt(np.maximum(square, 0.0)) - q[..., 6:])
+
+
+def _cylinder_rows(q: FloatMap, p: FloatMap) -> FloatMap:
+    length = np.linalg.norm(q[3:6])
+    axis = q[3:6] / length
+    inwards = q[:3] - p
+    along = inwards @ axis
+    inwards -= along[:, None] * axis
+    size = np.sqrt(_squares(inwards))
+    rows = np.empty((len(p), 8))
+    np.divide(inwards, np.maximum(size, TINY_LENGTH)[:, None], out=rows[:, :3])
+    np.multiply(rows[:, :3], (along / -length)[:, None], out=rows[:, 3:6])
+    rows[:, 6] = -1.0
+    rows[:, 7] = size - q[6]
+    return rows
 
 
 def _cylinder_parameters(q: FloatMap, mean: FloatMap, scale: float) -> dict[str, Any]:
@@ -145,15 +228,45 @@ def _cylinder_parameters(q: FloatMap, mean: FloatMap, scale: float) -> dict[str,
     }
 
 
+def _cylinder_free(q: FloatMap) -> FloatMap:
+    still = np.zeros((2, 7))
+    still[0, :3] = still[1, 3:6] = q[3:6]
+    return still
+
+
 GEOMETRIES: dict[str, FormGeometry] = {
     "plane": FormGeometry(
-        3, 300, _plane_through, _plane_distance, _plane_parameters, 1, slice(0, 3), False
+        points=3,
+        trials=300,
+        through=_planes_through,
+        distance=_plane_distance,
+        rows=_plane_rows,
+        parameters=_plane_parameters,
+        free=_plane_free,
+        direction=slice(0, 3),
+        has_radius=False,
     ),
     "sphere": FormGeometry(
-        4, 1000, _sphere_through, _sphere_distance, _sphere_parameters, 0, None, True
+        points=4,
+        trials=1000,
+        through=_spheres_through,
+        distance=_sphere_distance,
+        rows=_sphere_rows,
+        parameters=_sphere_parameters,
+        free=_sphere_free,
+        direction=None,
+        has_radius=True,
     ),
     "cylinder": FormGeometry(
-        6, 200, _cylinder_through, _cylinder_distance, _cylinder_parameters, 2, slice(3, 6), True
+        points=6,
+        trials=200,
+        through=_cylinders_through,
+        distance=_cylinder_distance,
+        rows=_cylinder_rows,
+        parameters=_cylinder_parameters,
+        free=_cylinder_free,
+        direction=slice(3, 6),
+        has_radius=True,
     ),
 }
 """The kinds of bodies that can be fitted, by name."""

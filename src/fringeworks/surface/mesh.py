@@ -63,13 +63,16 @@ def cloud_mesh(cloud: PointCloud, *, fill_px: int = 0) -> TriangleMesh:
     faces = cloud_triangles(cloud)
     if not len(faces):
         raise InputError("cloud: expected neighbouring points, got none", findings=cloud.findings)
-    used, local = np.unique(faces, return_inverse=True)
+    marked = np.zeros(cloud.reason.size, bool)
+    marked[faces] = True
+    used = np.flatnonzero(marked)
+    number = np.cumsum(marked, dtype=np.uint32) - np.uint32(1)
     colour = cloud.colour
     if colour is not None:
         colour = colour.reshape(-1, *colour.shape[2:])[used]
     return TriangleMesh(
         cloud.xyz_mm.reshape(-1, 3)[used],
-        local.reshape(faces.shape).astype(np.uint32),
+        number[faces],
         sigma_mm=cloud.sigma_mm.reshape(-1)[used],
         colour=colour,
         filled=filled.reshape(-1)[used] if filled.any() else None,

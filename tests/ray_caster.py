@@ -93,22 +93,6 @@ class Sheet:
         return normal, self.board(at[..., 0], at[..., 1])
 
 
-def chessboard(columns, rows, square_mm, margin_mm=None):
-    """Print of a chessboard with so many inner corners, whose first inner corner is the origin."""
-    margin = square_mm if margin_mm is None else margin_mm
-
-    def albedo(x, y):
-        i, j = np.floor(x / square_mm), np.floor(y / square_mm)
-        black = (i + j) % 2 == 0
-        black &= (i >= -1) & (i < columns) & (j >= -1) & (j < rows)
-        reach = square_mm + margin
-        white = (x > -reach) & (x < (columns - 1) * square_mm + reach)
-        white &= (y > -reach) & (y < (rows - 1) * square_mm + reach)
-        return np.where(black, 0.12, np.where(white, 0.85, 0.4))
-
-    return albedo
-
-
 def _roots(off, ways, radius):
     along = -np.sum(off * ways, axis=-1)
     return along, along**2 - np.sum(off * off, axis=-1) + radius**2

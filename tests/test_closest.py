@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fringeworks as fw
-from fringeworks.surface.closest import MeshDistance
+from fringeworks.surface.closest import MeshDistance, numbered
 from tests.oracles.closest import nearest as all_nearest
 
 trimesh = pytest.importorskip("trimesh")
@@ -143,3 +143,31 @@ def test_models_that_cannot_be_read(tmp_path):
         fw.files.read_model(path)
     with pytest.raises(fw.InputError, match="scale"):
         fw.files.read_model(path, scale=0.0)
+
+
+def test_places_are_numbered_as_numpy_does():
+    places = np.random.default_rng(2).integers(-2, 3, (500, 3)).astype(float) / 3.0
+    places[::7, 0] = -0.0
+    found, number = numbered(places)
+    expected, inverse = np.unique(places, axis=0, return_inverse=True)
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(number, inverse.ravel())
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_normals_of_edges_and_vertices_are_sums_over_their_triangles(name):
+    mesh = MeshDistance(mesh_of(BODIES[name]()))
+    corners, normals = mesh.corners, mesh.normals
+    for face in range(0, len(corners), 7):
+        for k in range(3):
+            here = np.all(corners == corners[face, k], axis=2)
+            total = np.zeros(3)
+            for other, corner in zip(*np.nonzero(here), strict=True):
+                one, two = (corners[other, (corner + j) % 3] - corners[face, k] for j in (1, 2))
+                cosine = one @ two / np.linalg.norm(one) / np.linalg.norm(two)
+                total += np.arccos(cosine) * normals[other]
+            np.testing.assert_allclose(mesh._vertex_normals[face, k], total, atol=1e-9)
+            ends = corners[face, (k + 1) % 3], corners[face, (k + 2) % 3]
+            has = [np.all(corners == end, axis=2).any(axis=1) for end in ends]
+            expected = normals[has[0] & has[1]].sum(axis=0)
+            np.testing.assert_allclose(mesh._edge_normals[face, k], expected, atol=1e-12)

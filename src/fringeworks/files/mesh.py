@@ -15,6 +15,7 @@ from fringeworks.files.ply import own_triangles, read_ply
 from fringeworks.files.points import check_unit, columns_of
 from fringeworks.files.provenance import from_comments
 from fringeworks.simulate.bodies import Mesh
+from fringeworks.surface.closest import numbered
 from fringeworks.types import (
     FileProblem,
     Finding,
@@ -75,8 +76,8 @@ def read_model(path: StrPath, *, scale: float = 1.0) -> TriangleMesh:
     package ``trimesh`` (the extra "mesh") is not installed.
     """
     vertices, faces = _triangles(path, scale)
-    vertices, number = np.unique(vertices, axis=0, return_inverse=True)
-    faces = number.reshape(-1)[faces]
+    vertices, number = numbered(vertices)
+    faces = number[faces]
     faces = faces[np.all(faces != np.roll(faces, 1, axis=1), axis=1)]
     if not len(faces):
         raise FileProblem(f"{path}: expected triangles with an area, got none")
@@ -127,14 +128,15 @@ def _outwards(
     vertices: FloatMap, faces: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], tuple[str, ...]]:
     """Triangles that point outwards, and what to know about them."""
-    sides = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
-    _, directed = np.unique(sides, axis=0, return_counts=True)
-    _, shared = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
+    p, q = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    _, directed = np.unique(p * len(vertices) + q, return_counts=True)
+    either = np.minimum(p, q) * len(vertices) + np.maximum(p, q)
+    _, shared = np.unique(either, return_counts=True)
     notes = [MIXED] if directed.max() > 1 else []
     if (shared == 1).any():
         return faces, (*notes, OPEN)
-    p, q, r = (vertices[faces[:, k]] - vertices.mean(axis=0) for k in range(3))
-    if not notes and float(np.einsum("nc,nc->", p, np.cross(q, r))) < 0:
+    a, b, c = (vertices[faces[:, k]] - vertices.mean(axis=0) for k in range(3))
+    if not notes and float(np.einsum("nc,nc->", a, np.cross(b, c))) < 0:
         return faces[:, ::-1], (INWARDS,)
     return faces, tuple(notes)
 

@@ -58,7 +58,8 @@ class MeshDistance:
 
     def __init__(self, mesh: TriangleMesh) -> None:
         vertices = np.asarray(mesh.vertices_mm, np.float64)
-        corners = vertices[mesh.faces.astype(np.int64)]
+        faces = mesh.faces.astype(np.int64)
+        corners = vertices[faces]
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         double_area = np.linalg.norm(cross, axis=1)
         longest = np.max(_sides(corners), axis=1) if len(corners) else np.empty(0)
@@ -73,14 +74,18 @@ class MeshDistance:
         """Areas of the triangles, (m,), mm²."""
         self.size_mm: float = float(np.linalg.norm(np.ptp(self.corners.reshape(-1, 3), axis=0)))
         """Diagonal of the box around the mesh, mm."""
-        self._edge_normals, self._vertex_normals, self._sharp = _shared(self.corners, self.normals)
-        cosine = np.einsum("mkc,mc->mk", _unit(self._vertex_normals), self.normals)
+        # STL files repeat vertices: those at one place count as one.
+        number = numbered(vertices)[1][faces[good]]
+        shared = _shared(self.corners, self.normals, number)
+        self._edge_normals, self._vertex_normals, self._sharp = shared
+        around = _unit(self._vertex_normals)
+        cosine = np.einsum("mkc,mc->mk", around, self.normals)
         self._corner_normals = np.where(
-            (cosine > SMOOTH_COSINE)[..., None], _unit(self._vertex_normals), self.normals[:, None]
+            (cosine > SMOOTH_COSINE)[..., None], around, self.normals[:, None]
         )
         self._edge_trees: dict[float, tuple[scipy.spatial.cKDTree | None, float]] = {}
-        faces = np.arange(3 * len(self.corners), dtype=np.uint32).reshape(-1, 3)
-        self._tree = _core.Triangles(self.corners.reshape(-1, 3), faces)
+        separate = np.arange(3 * len(self.corners), dtype=np.uint32).reshape(-1, 3)
+        self._tree = _core.Triangles(self.corners.reshape(-1, 3), separate)
 
     def beside_edges(self, points_mm: FloatMap, limit_mm: float) -> BoolMap:
         """Return which points lie near a sharp edge of the mesh, or near its border.
@@ -233,49 +238,52 @@ def _dot(p: FloatMap, q: FloatMap) -> FloatMap:
     return np.asarray(np.einsum("nk,nk->n", p, q))
 
 
-def _numbered(places: FloatMap) -> NDArray[np.intp]:
-    """Numbers of equal places (n, 3), in their order by x, y and z, (n,).
+def numbered(places: FloatMap) -> tuple[FloatMap, NDArray[np.intp]]:
+    """Return the distinct places of (n, 3), in their order by x, y and z, and the number of each of
+    the n places among them, (n,).
 
     As ``numpy.unique(…, axis=0, return_inverse=True)``, which compares rows one by one and is slow.
     """
     order = np.lexsort(places.T[::-1])
     ordered = places[order]
-    other = np.any(ordered[1:] != ordered[:-1], axis=1)
+    other = np.concatenate(([True], np.any(ordered[1:] != ordered[:-1], axis=1)))
     number = np.empty(len(places), np.intp)
-    number[order] = np.concatenate(([0], np.cumsum(other)))
-    return number
+    number[order] = np.cumsum(other) - 1
+    return ordered[other], number
 
 
-def _shared(corners: FloatMap, normals: FloatMap) -> tuple[FloatMap, FloatMap, FloatMap]:
-    """What neighbouring triangles share.
+def _summed(index: NDArray[np.intp], vectors: FloatMap) -> FloatMap:
+    """Sums of the vectors (n, 3) of each index, in their order."""
+    return np.stack([np.bincount(index, vectors[:, k]) for k in range(3)], axis=1)
+
+
+def _shared(
+    corners: FloatMap, normals: FloatMap, vertex: NDArray[np.intp]
+) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """What neighbouring triangles share; ``vertex`` numbers the places of corners, (m, 3).
 
     Returns
     -------
     normals of the edge opposite to each corner, and of the vertex there, both (m, 3, 3); ends of
     the sharp edges and of the border, (k, 2, 3)
-
-    Vertices at one place count as one, as STL files repeat them.
     """
-    m = len(corners)
-    vertex = _numbered(corners.reshape(-1, 3)).reshape(m, 3)
+    m, count = len(corners), int(vertex.max()) + 1
     toward = [corners[:, (k + 1) % 3] - corners[:, k] for k in range(3)]
-    at_vertex = np.zeros((int(vertex.max()) + 1, 3))
-    ends = []
+    weighted, sides = [], []
     for k in range(3):
         one, other = toward[k], -toward[(k + 2) % 3]
         sine = np.linalg.norm(np.cross(one, other), axis=1)
         angle = np.arctan2(sine, _dot(one, other))
-        np.add.at(at_vertex, vertex[:, k], angle[:, None] * normals)
-        ends.append(np.sort(vertex[:, [(k + 1) % 3, (k + 2) % 3]], axis=1))
-    first, second = np.concatenate(ends).T
-    _, edge = np.unique(first * len(at_vertex) + second, return_inverse=True)
-    edge = edge.reshape(3, m).T
-    at_edge = np.zeros((int(edge.max()) + 1, 3))
-    for k in range(3):
-        np.add.at(at_edge, edge[:, k], normals)
+        weighted.append(angle[:, None] * normals)
+        p, q = vertex[:, (k + 1) % 3], vertex[:, (k + 2) % 3]
+        sides.append(np.minimum(p, q) * count + np.maximum(p, q))
+    at_vertex = _summed(vertex.T.ravel(), np.concatenate(weighted))
+    keys = np.stack(sides, axis=1).ravel()
+    _, place, edge = np.unique(keys, return_index=True, return_inverse=True)
+    edge = edge.reshape(m, 3)
+    at_edge = _summed(edge.T.ravel(), np.tile(normals, (3, 1)))
     # Two unit normals at an angle φ have a sum of 2 cos(φ/2); a single one, at a border, of 1.
     smooth = np.linalg.norm(at_edge, axis=1) > 2.0 * np.sqrt(0.5 * (1.0 + SMOOTH_COSINE))
-    _, place = np.unique(edge, return_index=True)
     face, k = np.divmod(place[~smooth], 3)
     ends_of = np.stack((corners[face, (k + 1) % 3], corners[face, (k + 2) % 3]), axis=1)
     return at_edge[edge], at_vertex[vertex], ends_of

@@ -81,6 +81,13 @@ class DenoiserName(StrEnum):
     bemd = "bemd"
 
 
+class ZeroName(StrEnum):
+    """What tells where the displacement of two frames is 0."""
+
+    rim = "rim"
+    reference = "reference"
+
+
 class Ply(StrEnum):
     """Content of a .ply file."""
 
@@ -92,6 +99,15 @@ class Ply(StrEnum):
 PlyOption = Annotated[Ply, typer.Option("--ply", help="Content of a .ply file.")]
 DenoiseOption = Annotated[
     DenoiserName | None, typer.Option("--denoise", help="Remove noise from both frames first.")
+]
+
+ZeroOption = Annotated[
+    ZeroName,
+    typer.Option(
+        "--zero",
+        help="rim: remove the displacement that the background shows, as by a camera that moved; "
+        "reference: compare the frames as they are.",
+    ),
 ]
 
 DepthOption = Annotated[

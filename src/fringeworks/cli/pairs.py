@@ -21,6 +21,8 @@ from fringeworks.cli.options import (
     PlyOption,
     ProjectorName,
     ResponseFile,
+    ZeroName,
+    ZeroOption,
     items,
 )
 from fringeworks.cli.showing import ShowOptions
@@ -118,9 +120,10 @@ def reconstruct(
     ] = None,
     mask: Annotated[Path | None, typer.Option(help="Image, non-zero where to measure.")] = None,
     background: Annotated[
-        Path | None, typer.Option(help="Image, non-zero where a single frame shows the plane.")
+        Path | None, typer.Option(help="Image, non-zero where the object frame shows the plane.")
     ] = None,
     denoise: DenoiseOption = None,
+    zero: ZeroOption = ZeroName.rim,
     response: ResponseFile = None,
     camera_name: CameraName = None,
     projector_name: ProjectorName = None,
@@ -160,6 +163,7 @@ def reconstruct(
     options: dict[str, Any] = {
         "response": None if response is None else fw.files.read_response(response),
         "denoise": None if denoise is None else denoise.value,
+        "zero": zero.value,
         **_method_options(method, option or []),
     }
     name = _name(capture, object)

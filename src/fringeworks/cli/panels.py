@@ -18,7 +18,7 @@ PANELS = {
     "baseline-mm pitch-mm-per-px sign principal-px plane-coordinates plane-equation board "
     "turntable turn distortion model align datum-point datum-plane fit-box reach-mm tolerance-mm "
     "scale",
-    "Method": "live method option against denoise response estimate-response estimate-steps "
+    "Method": "live method option against denoise zero response estimate-response estimate-steps "
     "relative phases unwrap contrast adjust kind min-period max-period camera-pixel robust",
     "Output": "out capture ply figure report json csv markdown timing force",
 }

@@ -61,6 +61,17 @@ class ReferencePhase(Frozen):
             value = value * along + rows[power][:, None]
         return value
 
+    def slopes(self, y: FloatMap, x: FloatMap) -> tuple[FloatMap, FloatMap]:
+        """Return the slopes of the phase along x and y at places of any shape, rad/px."""
+        polynomial = np.polynomial.polynomial
+        half = [0.5 * max(side - 1, 1) for side in self.shape]
+        at = (y / half[0] - 1.0, x / half[1] - 1.0)
+        down, along = (
+            polynomial.polyval2d(*at, polynomial.polyder(self.coefficients, axis=axis))
+            for axis in (0, 1)
+        )
+        return np.asarray(along / half[1]), np.asarray(down / half[0])
+
 
 def reference_phase(prepared: PreparedPair) -> ReferencePhase | None:
     """Measure how the phase of the reference differs from that of its carrier.

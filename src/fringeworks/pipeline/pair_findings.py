@@ -8,6 +8,7 @@ import numpy as np
 
 from fringeworks.pair.carrier import find_carrier
 from fringeworks.pair.counting import RowMethod
+from fringeworks.pair.rim import Rim
 from fringeworks.types import (
     Axis,
     DisplacementMap,
@@ -210,4 +211,56 @@ def _not_converged(found: DisplacementMap) -> Finding | None:
         advice="do not trust the result: give a reference frame or mark the background "
         "(background), or use another method",
         severity="error",
+    )
+
+
+def rim_findings(rim: Rim | None, found: DisplacementMap) -> tuple[Finding, ...]:
+    """What the rim of the frame tells of the zero of the displacement; empty where it is at 0.
+
+    Parameters
+    ----------
+    rim : Rim or None
+        None where the rim was not looked at.
+    found : DisplacementMap
+    """
+    if rim is None or not np.isfinite(found.displacement_px).any():
+        return ()
+    if not rim.is_background:
+        return (
+            Finding(
+                "no background",
+                "the rim of the frame does not show the plane of the reference: the zero of the "
+                "displacement is unknown, and its whole periods too",
+                causes=("the object fills the frame", "something moved along with the object"),
+                advice="leave background free on three sides, or mark it (background); until then, "
+                "use differences within the surface only",
+            ),
+        )
+    return (_moved_frame(rim),) if rim.significant else ()
+
+
+def _moved_frame(rim: Rim) -> Finding:
+    """Background that is displaced, or a plane that fills the frame."""
+    figures = {"shift_px": rim.shift_px, "sigma_px": rim.shift_sigma_px, "turn_deg": rim.turn_deg}
+    seen = (
+        "the fringes at the rim are displaced by "
+        f"{rim.shift_px:+.2f} ± {rim.shift_sigma_px:.2f} px in the middle and turned by "
+        f"{rim.turn_deg:+.2f}°"
+    )
+    causes = ("the camera or the projector moved between the frames", "the pattern drifted")
+    if rim.has_object:
+        return Finding(
+            "moved frame",
+            f"{seen}: removed, the background is the zero",
+            causes=causes,
+            advice="fix camera and projector; zero='reference' keeps this displacement",
+            figures=figures,
+        )
+    return Finding(
+        "moved frame",
+        f"{seen}, as is the rest of the frame: kept, for nothing else tells the zero",
+        causes=("a plane at another height fills the frame", *causes),
+        advice="leave background free around the object, or mark it (background); whole periods of "
+        "this displacement are unknown",
+        figures=figures,
     )

@@ -14,7 +14,7 @@ from fringeworks.files.rig import read_rig
 from fringeworks.pair.object_coordinates import object_coordinates
 from fringeworks.pair.registry import MethodOption
 from fringeworks.pipeline.inputs import pair_of
-from fringeworks.pipeline.pairs import Reconstruction, reconstruct
+from fringeworks.pipeline.pairs import Reconstruction, Zero, reconstruct
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.rig.plane_coordinates import plane_coordinates
 from fringeworks.rig.point_findings import point_findings
@@ -45,6 +45,7 @@ def measure_pair(
     method: str = "windowed",
     response: Response | None = None,
     denoise: Denoiser | None = None,
+    zero: Zero = "rim",
     **options: MethodOption,
 ) -> Measurement:
     """Measure the points of a pair of frames with a calibrated rig.
@@ -61,7 +62,7 @@ def measure_pair(
         Instead: where the plane is, a x + b y + c z = d in camera coordinates, mm.
     method : str
         A name from ``fringeworks.methods()``.
-    response, denoise, **options
+    response, denoise, zero, **options
         As for ``reconstruct``.
 
     Returns
@@ -91,6 +92,7 @@ def measure_pair(
         geometry=None,
         response=response,
         denoise=denoise,
+        zero=zero,
         **options,
     )
     with found_before(found.findings):
@@ -107,6 +109,7 @@ def measure_pair(
             "plane": None if plane is None else [float(v) for v in plane],
             "response": response,
             "denoise": denoise,
+            "zero": zero,
             **options,
         },
         inputs=found.surface.provenance.inputs if found.surface.provenance else (),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -14,8 +14,9 @@ from fringeworks.pair.analyse import analyse
 from fringeworks.pair.prepared import prepare
 from fringeworks.pair.reference_plane import to_surface
 from fringeworks.pair.registry import MethodOption
+from fringeworks.pair.rim import Rim, measure_rim, without_movement
 from fringeworks.pipeline.inputs import pair_of, sources_of
-from fringeworks.pipeline.pair_findings import frame_findings, pair_findings
+from fringeworks.pipeline.pair_findings import frame_findings, pair_findings, rim_findings
 from fringeworks.rig.calibration.planes import (
     PixelCalibration,
     PlaneCalibration,
@@ -43,6 +44,9 @@ from fringeworks.types import (
     explained,
     made_by,
 )
+
+Zero = Literal["rim", "reference"]
+"""What tells where the displacement is 0."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -74,6 +78,7 @@ def reconstruct(
     geometry: ReferencePlaneGeometry | PixelCalibration | None = None,
     response: Response | None = None,
     denoise: Denoiser | None = None,
+    zero: Zero = "rim",
     **options: MethodOption,
 ) -> Reconstruction:
     """Measure the surface of a pair of frames.
@@ -90,6 +95,11 @@ def reconstruct(
         Both frames are linearised by it, after their saturated pixels were marked.
     denoise : "emd", "emd2d" or "bemd", optional
         Remove the modes of both frames that are no stronger than noise.
+    zero : "rim" or "reference"
+        "rim": where the rim of the frame shows the background, displaced, as by a camera that moved
+        or a pattern that drifted, that displacement is removed everywhere, with a finding
+        (``pair.background`` takes the place of the rim). "reference": the frames are compared as
+        they are. A pair with a mask, and a single frame, are measured so as well.
     **options
         Keyword options of the method.
 
@@ -111,6 +121,8 @@ def reconstruct(
     True
     """
     pair = pair_of(pair)
+    if zero not in get_args(Zero):
+        raise InputError(f"zero: expected rim or reference, got {zero!r}")
     if isinstance(geometry, ReferencePlaneGeometry):
         pair = replace(pair, geometry=geometry)
     sources = pair.sources or sources_of(
@@ -118,7 +130,7 @@ def reconstruct(
     )
     started = time.perf_counter()
     try:
-        displacement = _displacement(pair, method, response, denoise, options)
+        displacement, rim = _displacement(pair, method, response, denoise, zero, options)
     except InputError as error:
         explained(error, (*as_notes(pair.notes), *frame_findings(pair)))
         raise
@@ -136,9 +148,9 @@ def reconstruct(
         "geometry": geometry or pair.geometry,
         "axis": pair.axis,
     }
-    said |= {"response": response, "denoise": denoise, **options}
+    said |= {"response": response, "denoise": denoise, "zero": zero, **options}
     origin = made_by("reconstruct", options=said, inputs=sources)
-    found = _findings(pair, displacement, surface)
+    found = (*_findings(pair, displacement, surface), *rim_findings(rim, displacement))
     surface = replace(surface, provenance=origin, findings=found)
     return Reconstruction(surface, displacement, seconds)
 
@@ -148,9 +160,11 @@ def _displacement(
     method: str,
     response: Response | None,
     denoise: Denoiser | None,
+    zero: Zero,
     options: Mapping[str, MethodOption],
-) -> DisplacementMap:
-    """The displacement of a pair's fringes, after the corrections that were asked for."""
+) -> tuple[DisplacementMap, Rim | None]:
+    """The displacement of a pair's fringes, after the corrections that were asked for, and what the
+    rim tells of its zero."""
     prepared = prepare(pair, response=response)
     if denoise is not None:
         plain = pair.reference is None  # a computed reference has no noise
@@ -158,7 +172,11 @@ def _displacement(
         prepared = replace(
             prepared, reference=reference, object=denoise_frame(prepared.object, denoise)
         )
-    return analyse(prepared, method, **options)
+    found = analyse(prepared, method, **options)
+    if zero == "reference" or pair.reference is None or pair.mask is not None:
+        return found, None
+    rim = measure_rim(prepared, found, pair.background)
+    return without_movement(found, rim), rim
 
 
 def _on_rays(surface: HeightMap, geometry: ReferencePlaneGeometry | None) -> HeightMap:
@@ -211,7 +229,7 @@ def calibrate_plane(
             sources |= {s.sha256: s for s in sources_of(**{f"displacement {number}": plane})}
         else:
             pair = pair_of(plane)
-            maps.append(reconstruct(pair, method).displacement.displacement_px)
+            maps.append(reconstruct(pair, method, zero="reference").displacement.displacement_px)
             sources |= {s.sha256: s for s in pair.sources}
     origin = made_by(
         "calibrate_plane",

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any, Unpack, overload
+from typing import Any, Literal, Unpack, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,6 +142,7 @@ def measure(
     method: str = "windowed",
     response: Response | None = None,
     denoise: Denoiser | None = None,
+    zero: Literal["rim", "reference"] = "rim",
     **options: MethodOption,
 ) -> Measurement: ...
 
@@ -183,7 +184,7 @@ def measure(capture: Any, rig: Any, **options: Any) -> Measurement | MultiMeasur
         For a pair: projector coordinates of the plane that the reference frame shows.
     plane : (a, b, c, d), optional
         For a pair, instead: where the plane is, a x + b y + c z = d in camera coordinates, mm.
-    method, response, denoise
+    method, response, denoise, zero
         For a pair, as for ``reconstruct``.
     **options
         For stacks those of ``decode``, for a pair those of the method.

@@ -66,8 +66,8 @@ class Pair(Frozen):
     mask: BoolMap | None = None
     """True where the object is to be measured, (h, w); None for everywhere."""
     background: BoolMap | None = None
-    """True where the reference plane shows in the object frame, (h, w); None to find it. Used
-    for single frames only."""
+    """True where the reference plane shows in the object frame, (h, w); None to find it. For two
+    frames, it tells where the displacement is 0 (``zero`` of ``reconstruct``)."""
     axis: Axis | None = None
     """Direction in which the fringes vary; None to find it."""
     geometry: ReferencePlaneGeometry | None = None

@@ -12,7 +12,7 @@ import fringeworks as fw
 from fringeworks.files.points import Points
 from fringeworks.report.viewer.coding import FINEST_RATIO, coded, deflated, geometric, logarithms
 from fringeworks.report.viewer.page import viewer_fragment, viewer_page
-from fringeworks.report.viewer.placing import camera_lattice
+from fringeworks.report.viewer.placing import _chebyshev_fit, camera_lattice
 from fringeworks.rig.pinhole import rays
 from fringeworks.surface.section import organised_points
 from tests.oracles.unpacked import unpacked
@@ -153,6 +153,19 @@ def test_polynomials_follow_the_rays_of_a_strong_lens():
         expected = rays(camera, np.stack((column, row), axis=-1))
         found = camera_lattice(shape, camera, every).directions
         assert np.abs(found - expected).max() < 1e-7
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_polynomials_of_a_grid_are_those_of_least_squares(missing):
+    nodes = np.cos(np.pi * (np.arange(32) + 0.5) / 32)
+    values = np.random.default_rng(1).normal(size=(32, 32, 2))
+    values[:3, :2] = np.nan if missing else 7.0
+    u, v = np.meshgrid(nodes, nodes)
+    known = np.isfinite(values[..., 0])
+    terms = np.polynomial.chebyshev.chebvander2d(u[known], v[known], [13, 13])
+    expected = np.linalg.lstsq(terms, values[known], rcond=None)[0]
+    found = _chebyshev_fit(values, nodes).reshape(-1, 2)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_every_second_pixel():

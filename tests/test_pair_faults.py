@@ -9,10 +9,11 @@ from scipy import ndimage
 from benchmarks.pair_coverage import mean_coverage
 from fringeworks import Pair, Reason, analyse, reconstruct
 from fringeworks.files import read_pair
-from fringeworks.pair.presence import without_fringes
+from fringeworks.pair.presence import _grown_to_rim, without_fringes
 from fringeworks.simulate.fringes import PairSettings, capture_pair
 from fringeworks.simulate.scene import STANDARD_GEOMETRY, standard_scene
 from tests.grids import quick, thinned
+from tests.oracles import presence as oracle
 
 pytestmark = pytest.mark.statistical
 
@@ -161,3 +162,22 @@ def test_straightening_can_be_switched_off():
         for on in (True, False)
     }
     assert error[False] > 2 * error[True]
+
+
+@pytest.mark.parametrize("period", [9.0, 17.0, 24.0])
+def test_places_are_grown_as_by_gaussians(period):
+    rng = np.random.default_rng(7)
+    y, x = np.mgrid[:360, :480].astype(float)
+    frame = 100.0 + 0.05 * x + 60.0 * np.cos(2.0 * np.pi * x / period)
+    core, shadow = np.zeros((2, *frame.shape), bool)
+    for row, column in ((90, 100), (220, 330), (300, 60)):
+        away = np.hypot(y - row, x - column)
+        shadow |= away < 2.0 * period
+        core |= away < 1.2 * period
+    frame[shadow] = 12.0
+    frame += rng.normal(0.0, 2.0, frame.shape)
+    found = _grown_to_rim(frame, core, period)
+    expected = oracle.grown_to_rim(frame, core, period)
+    assert np.count_nonzero(expected & ~core) > 1000
+    assert np.count_nonzero(found != expected) <= 3e-4 * np.count_nonzero(expected)
+    assert np.count_nonzero(found != shadow) < 0.01 * np.count_nonzero(shadow)

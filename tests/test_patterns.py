@@ -45,6 +45,23 @@ def test_pictures():
     assert pictures[-1].max() == 0
 
 
+@pytest.mark.parametrize("gamma", [1.0, 2.2])
+@pytest.mark.parametrize("bits", [8, 10])
+def test_pictures_are_those_that_round_every_pixel(bits, gamma):
+    plan = dataclasses.replace(PLAN, bits=bits, gamma=gamma)
+    pictures = encode(plan)
+    for block in plan.blocks:
+        down = not isinstance(block, Uniform) and block.axis == "y"
+        y, x = np.indices((24, 40)).astype(float)
+        for n in range(block.frames):
+            light = np.round(block.values(y if down else x, n) ** (1.0 / gamma), 11)
+            counts = np.minimum(np.floor((2**bits - 1) * light + 0.5), 2**bits - 1)
+            picture = next(pictures)
+            np.testing.assert_array_equal(picture, counts)
+            assert picture.flags.c_contiguous
+            assert picture.flags.writeable
+
+
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("period", [4.0, 20.0, 4096 / 1023])
 def test_halves_round_up(bits, period):

@@ -116,6 +116,14 @@ def test_what_is_written_is_read(name, tmp_path):
         assert found == thing
 
 
+@pytest.mark.parametrize("name", [name for name in EXACT if name.endswith(".npz")])
+def test_archives_open_with_numpy_alone(name, tmp_path):
+    with np.load(fw.write(tmp_path / name, EXACT[name])) as archive:
+        assert archive.files
+        for key in archive.files:
+            assert archive[key].dtype.kind in "fuibUS"
+
+
 def alike(found, expected, *names, within=1e-6):
     for name in names:
         one, other = getattr(found, name), getattr(expected, name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +64,8 @@ class MemoryProjector(Closing):
     ) -> None:
         self.plan = plan if isinstance(plan, PatternPlan) else read_plan(Path(plan) / PLAN_FILE)
         """The plan whose pictures the projector holds."""
+        self.pictures: tuple[NDArray[Any], ...] = tuple(encode(self.plan))
+        """Its pictures, drawn once."""
         self._advance = advance
         self._refresh_s = refresh_s
         self._open = True
@@ -97,8 +99,6 @@ class MemoryProjector(Closing):
     def restart(self) -> None:
         """Begin with the first picture again, after the projector's sequence was started again."""
         self._position = 0
-        self._coming: Iterator[NDArray[Any]] = encode(self.plan)
-        self._next = next(self._coming)
 
     def show(self, picture: NDArray[Any]) -> float:
         """Advance to the next picture of the sequence, which must be this one.
@@ -111,7 +111,8 @@ class MemoryProjector(Closing):
         if not self._open:
             raise DeviceProblem("memory projector: expected an open projector, got a closed one")
         picture = checked_picture(picture, self.size_px, self.bits)
-        if not np.array_equal(picture, self._next):
+        coming = self.pictures[self._position]
+        if picture is not coming and not np.array_equal(picture, coming):
             raise DeviceProblem(
                 f"memory projector: expected picture {self._position + 1} of {self.plan.frames} "
                 f"({self.plan.labels()[self._position]}), got another one: the projector plays its "
@@ -120,11 +121,7 @@ class MemoryProjector(Closing):
         if self._advance is not None:
             self._advance()
         shown_s = time.monotonic()
-        if self._position + 1 == self.plan.frames:
-            self.restart()
-        else:
-            self._position += 1
-            self._next = next(self._coming)
+        self._position = (self._position + 1) % self.plan.frames
         return shown_s
 
     def close(self) -> None:

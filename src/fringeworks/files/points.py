@@ -23,6 +23,7 @@ from fringeworks.files.npz import (
     Archive,
     Entry,
     read_npz,
+    write_members,
 )
 from fringeworks.files.pcd import COLOURS, read_pcd, write_pcd
 from fringeworks.files.ply import read_ply, write_ply
@@ -177,8 +178,7 @@ def _write_mat(path: Path, cloud: PointCloud, _: Kind) -> None:
 
 
 def _write_npz(path: Path, cloud: PointCloud, _: Kind) -> None:
-    with path.open("wb") as file:
-        np.savez_compressed(file, **CLOUD.arrays(cloud))
+    write_members(path, CLOUD.arrays(cloud))
 
 
 Writer = Callable[[Path, PointCloud, Kind], None]

@@ -107,22 +107,33 @@ def _grown_to_rim(frame: FloatMap, core: BoolMap, period_px: float) -> BoolMap:
     to it than to the darkest (or brightest) fringes of the surface around it.
     """
     near = scipy.ndimage.distance_transform_edt(~core) <= REACH_PERIODS * period_px
-
-    def local_mean(values: FloatMap, where: BoolMap) -> FloatMap:
-        share = scipy.ndimage.gaussian_filter(where.astype(np.float32), period_px)
-        total = scipy.ndimage.gaussian_filter(
-            np.where(where, values, 0.0).astype(np.float32), period_px
-        )
-        return np.asarray(total / np.maximum(share, MIN_SHARE), dtype=np.float64)
-
-    inside = local_mean(frame, core)
-    surface = local_mean(frame, ~near)
-    centred = frame - surface
-    amplitude = np.sqrt(2.0 * np.maximum(local_mean(centred * centred, ~near), 0.0))
+    surroundings = ~near
+    # Sums of small numbers keep their digits in single precision.
+    centred = np.subtract(frame, frame.mean(dtype=np.float64), dtype=np.float32)
+    inside = _local_mean(centred, core, period_px)
+    surface = _local_mean(centred, surroundings, period_px)
+    square = (centred - surface) ** 2
+    amplitude = np.sqrt(2.0 * np.maximum(_local_mean(square, surroundings, period_px), 0.0))
     dark, bright = surface - amplitude, surface + amplitude
-    alike = (inside < dark) & (frame < 0.5 * (inside + dark))
-    alike |= (inside > bright) & (frame > 0.5 * (inside + bright))
+    alike = (inside < dark) & (centred < 0.5 * (inside + dark))
+    alike |= (inside > bright) & (centred > 0.5 * (inside + bright))
     return np.asarray(scipy.ndimage.binary_propagation(core, mask=core | (near & alike)))
+
+
+def _local_mean(values: FloatMap, where: BoolMap, sigma_px: float) -> FloatMap:
+    """Means of some pixels around every one, (h, w) float32, with the weights of three moving means
+    that together have the variance of a Gaussian of ``sigma_px``.
+
+    They take the same time for any width. A moving mean over s pixels has the variance
+    (s² − 1)/12.
+    """
+    side = round((4.0 * sigma_px**2 + 1.0) ** 0.5) | 1
+    share = where.astype(np.float32)
+    total = np.where(where, values, np.float32(0.0))
+    for _ in range(3):
+        for part in (share, total):
+            scipy.ndimage.uniform_filter(part, side, output=part)
+    return np.asarray(total / np.maximum(share, np.float32(MIN_SHARE)))
 
 
 def _odd(sides: tuple[int, int]) -> tuple[int, int]:

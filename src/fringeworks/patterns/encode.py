@@ -59,12 +59,15 @@ def encode(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
         for n in range(block.frames):
             share = block.values(position, n) ** (1.0 / plan.gamma)
             line = top * np.round(share, SHARE_DECIMALS)
-            across = line[:, None] if down else line[None, :]
+            picture = np.empty(shape, kind)
             if plan.dither:
-                picture = np.floor(np.broadcast_to(across, shape) + _dither_thresholds(shape))
+                across = line[:, None] if down else line
+                picture[...] = np.minimum(np.floor(across + _dither_thresholds(shape)), top)
             else:
-                picture = np.broadcast_to(np.floor(across + 0.5), shape)
-            yield np.minimum(picture, top).astype(kind)
+                # One line is rounded, and repeated.
+                counts = np.minimum(np.floor(line + 0.5), top)
+                picture[...] = counts[:, None] if down else counts
+            yield picture
 
 
 def thrown(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 
 from fringeworks.devices.memory_projector import MemoryProjector
 from fringeworks.devices.protocols import Camera, Grab, TriggeredCamera
-from fringeworks.patterns.encode import encode
 from fringeworks.scan.saturation import SaturationGuard
 from fringeworks.scan.taking import Picture
 from fringeworks.types import CameraSettings, DeviceProblem, InputError
@@ -68,7 +67,7 @@ class SequenceTaker:
         camera.discard()
         labels = projector.plan.labels()
         grabs: list[Grab] = []
-        for number, picture in enumerate(encode(projector.plan)):
+        for number, picture in enumerate(projector.pictures):
             projector.show(picture)
             camera.trigger()
             grab = camera.grab()

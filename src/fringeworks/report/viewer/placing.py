@@ -58,15 +58,31 @@ def camera_lattice(shape: tuple[int, int], camera: Pinhole, every: int) -> Latti
     rows, columns = shape
     column, row = ((place + 1.0) * size / 2.0 for place, size in ((u, columns), (v, rows)))
     seen = rays(camera, every * np.stack((column, row), axis=-1))[..., :2]
-    known = np.isfinite(seen).all(axis=-1)
-    terms = chebyshev.chebvander2d(u[known], v[known], [RAY_DEGREE, RAY_DEGREE])
-    solved = np.linalg.lstsq(terms, seen[known], rcond=None)[0]
+    fitted = _chebyshev_fit(seen, nodes)
     side = RAY_DEGREE + 1
     change = np.zeros((side, side))  # from Chebyshev's polynomials to powers
     for k in range(side):
         change[: k + 1, k] = chebyshev.cheb2poly(np.eye(side)[k, : k + 1])
-    directions = [change @ solved[:, k].reshape(side, side) @ change.T for k in range(2)]
+    directions = [change @ fitted[..., k] @ change.T for k in range(2)]
     return _lattice(shape, directions, [np.zeros((1, 1))] * 2)
+
+
+def _chebyshev_fit(values: FloatMap, nodes: FloatMap) -> FloatMap:
+    """Least squares of Chebyshev's polynomials to values at a grid of nodes, (rows, columns, k).
+
+    Returns
+    -------
+    Coefficients, (power of the column, power of the row, k). NaN count as missing.
+    """
+    known = np.isfinite(values).all(axis=-1)
+    if known.all():
+        # On the whole grid the fit is one of rows after one of columns.
+        inverse = np.linalg.pinv(chebyshev.chebvander(nodes, RAY_DEGREE))
+        return np.asarray(np.einsum("ic,jr,rck->ijk", inverse, inverse, values, optimize=True))
+    u, v = np.meshgrid(nodes, nodes)
+    terms = chebyshev.chebvander2d(u[known], v[known], [RAY_DEGREE, RAY_DEGREE])
+    solved = np.linalg.lstsq(terms, values[known], rcond=None)[0]
+    return np.asarray(solved.reshape(RAY_DEGREE + 1, RAY_DEGREE + 1, -1))
 
 
 def _lattice(

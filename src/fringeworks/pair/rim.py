@@ -321,7 +321,7 @@ def _told(
     prepared: PreparedPair, motion: _Motion, fit: tuple[FloatMap, FloatMap], clear: bool
 ) -> Rim:
     """The movement as a shift and a turn, and whether its likelihood speaks for it (the Bayesian
-    information criterion)."""
+    information criterion). Half a period and more is no movement: fringes tell it modulo one."""
     theta, covariance = fit
     h, w = prepared.reference.shape
     rows, columns = np.array([0.5, 0.0, 1.0]) * (h - 1), np.full(3, 0.5 * (w - 1))
@@ -329,10 +329,11 @@ def _told(
     tilt = float((bottom - top) @ theta) / max(h - 1, 1)
     evidence = float(theta @ np.linalg.pinv(covariance, rcond=TINY_RANK**2) @ theta)
     price = float(np.linalg.matrix_rank(covariance)) * np.log(SEGMENTS)
+    shift = float(middle @ theta)
     return Rim(
         is_background=True,
-        significant=bool(clear and evidence > price),
-        shift_px=float(middle @ theta),
+        significant=bool(clear and evidence > price and abs(shift) < 0.5 * prepared.period),
+        shift_px=shift,
         shift_sigma_px=float(np.sqrt(max(middle @ covariance @ middle, 0.0))),
         turn_deg=-float(np.degrees(np.arctan(tilt))),
     )

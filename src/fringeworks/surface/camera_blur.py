@@ -137,7 +137,7 @@ def remove_blur(
     along, changed = (np.sum(s * by, axis=-1) / np.sum(by * by, axis=-1) for s in (shift, doubt))
     beside = _spread(np.abs(along) * edge, variance)
     left = np.sqrt(changed**2 + (blur.relative_sigma * along) ** 2 + beside**2)
-    left = np.where(ok, np.copysign(left, along), np.nan)
+    left = np.where(ok, np.copysign(left, np.where(along == 0.0, changed, along)), np.nan)
     gain = _noise_gain(float(np.median(variance[ok])))
     moved = cloud.xyz_mm * (1.0 - along / length)[..., None]
     noise = gain * cloud.noise_mm
@@ -188,9 +188,10 @@ def _shift(
     smooth: _Smoothing,
 ) -> tuple[FloatMap, FloatMap]:
     """Shift of a coordinate by the blur, and how much the passes after the second changed it, each
-    (h, w), px."""
+    (h, w), px. Where they changed more than the first found, as in dark pixels beside bright ones,
+    the sharp surface cannot be told: the shift is then 0, and the first stands for its error."""
     levels = _levels(variance)
-    sharp, light_now, second = measured, light, measured
+    sharp, light_now, first, second = measured, light, measured, measured
     for k in range(PASSES):
         even = smooth(sharp)
         seen = np.zeros(measured.shape, complex)
@@ -202,11 +203,15 @@ def _shift(
         if removed_px2 > 0:
             shift -= _at_edges(even, light, removed_px2)
         sharp = measured - shift
+        if k == 0:
+            first = shift
         change = light / np.maximum(np.abs(seen), 1e-12)
         light_now = light_now * np.clip(change, 1.0 / MOST_SHARPENED, MOST_SHARPENED)
         if k == 1:
             second = sharp
-    return measured - sharp, smooth(sharp - second)
+    changed = smooth(sharp - second)
+    untold = np.abs(changed) > np.abs(first)
+    return np.where(untold, 0.0, measured - sharp), np.where(untold, first, changed)
 
 
 def _levels(variance: FloatMap) -> list[tuple[float, FloatMap | float]]:

@@ -137,7 +137,7 @@ def remove_blur(
     along, changed = (np.sum(s * by, axis=-1) / np.sum(by * by, axis=-1) for s in (shift, doubt))
     beside = _spread(np.abs(along) * edge, variance)
     left = np.sqrt(changed**2 + (blur.relative_sigma * along) ** 2 + beside**2)
-    left = np.where(ok, np.copysign(left, np.where(along == 0.0, changed, along)), np.nan)
+    left = np.where(ok, np.copysign(left, along), np.nan)
     gain = _noise_gain(float(np.median(variance[ok])))
     moved = cloud.xyz_mm * (1.0 - along / length)[..., None]
     noise = gain * cloud.noise_mm

@@ -68,29 +68,20 @@ class Tube:
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A plane, or a board on one: its x and y axes in ``pose`` carry the print."""
+    """A plane without end: the x and y axes of its pose."""
 
     pose: np.ndarray
     albedo: float = 0.7
-    board: object = None
-    size_mm: tuple[float, float] | None = None
-    """Half sides; without end where not given."""
 
     def hit(self, start, ways):
         normal = self.pose[:3, 2]
         t = ((self.pose[:3, 3] - start) @ normal) / (ways @ normal)
-        if self.size_mm is not None:
-            at = (start + t[..., None] * ways - self.pose[:3, 3]) @ self.pose[:3, :2]
-            t = np.where((np.abs(at) <= self.size_mm).all(axis=-1), t, np.inf)
         return np.where(t > 0, t, np.inf)
 
     def look(self, points):
         facing = -self.pose[:3, 2] if self.pose[2, 2] > 0 else self.pose[:3, 2]
         normal = np.broadcast_to(facing, points.shape)
-        if self.board is None:
-            return normal, np.full(points.shape[:-1], self.albedo)
-        at = (points - self.pose[:3, 3]) @ self.pose[:3, :2]
-        return normal, self.board(at[..., 0], at[..., 1])
+        return normal, np.full(points.shape[:-1], self.albedo)
 
 
 def _roots(off, ways, radius):

@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 
 from fringeworks.signal.bands import row_bands
+from fringeworks.signal.filters import box_mean
 from fringeworks.types import BoolMap, FloatMap
 
 MIN_LOCAL_SHARE = 0.1
@@ -131,8 +132,7 @@ def _local_mean(values: FloatMap, where: BoolMap, sigma_px: float) -> FloatMap:
     share = where.astype(np.float32)
     total = np.where(where, values, np.float32(0.0))
     for _ in range(3):
-        for part in (share, total):
-            scipy.ndimage.uniform_filter(part, side, output=part)
+        share, total = box_mean(share, side), box_mean(total, side)
     return np.asarray(total / np.maximum(share, np.float32(MIN_SHARE)))
 
 

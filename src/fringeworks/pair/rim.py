@@ -8,6 +8,7 @@ zero.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,8 +179,8 @@ def _fit(design: FloatMap, u: FloatMap, scale: float) -> tuple[FloatMap, FloatMa
     weight: FloatMap = np.ones(u.size)
     found: FloatMap = np.zeros(design.shape[-1])
     for step in range(FIT_STEPS):
-        root = np.sqrt(weight)[:, None]
-        found = np.linalg.lstsq(design * root, u * root[:, 0], rcond=TINY_RANK)[0]
+        weighted = design * weight[:, None]
+        found = _solved(weighted.T @ design, weighted.T @ u)
         residual = np.abs(u - design @ found)
         if step < FIT_STEPS // 2:
             weight = scale / np.maximum(residual, scale)
@@ -189,17 +190,21 @@ def _fit(design: FloatMap, u: FloatMap, scale: float) -> tuple[FloatMap, FloatMa
     return np.asarray(found), weight
 
 
+def _solved(normal: FloatMap, pull: FloatMap) -> FloatMap:
+    """Solution of normal equations; directions that nothing determines stay at 0."""
+    return np.asarray(np.linalg.pinv(normal, rcond=TINY_RANK**2, hermitian=True) @ pull)
+
+
 def _covariance(design: FloatMap, u: FloatMap, weight: FloatMap) -> FloatMap:
     """Covariance of the fit by leaving out one part of the rim at a time (the jackknife): errors
     that go on along the rim count as they are."""
-    part = np.arange(u.size) * SEGMENTS // u.size
-
-    def fit(keep: BoolMap) -> FloatMap:
-        root = np.sqrt(weight[keep])
-        a = design[keep] * root[:, None]
-        return np.asarray(np.linalg.lstsq(a, u[keep] * root, rcond=TINY_RANK)[0])
-
-    fits = np.stack([fit(part != k) for k in range(SEGMENTS)])
+    weighted = design * weight[:, None]
+    starts = -(-np.arange(SEGMENTS) * u.size // SEGMENTS)
+    parts = [slice(*ends) for ends in pairwise((*starts, u.size))]
+    normals = np.stack([weighted[part].T @ design[part] for part in parts])
+    pulls = np.stack([weighted[part].T @ u[part] for part in parts])
+    without = normals.sum(axis=0) - normals, pulls.sum(axis=0) - pulls
+    fits = np.stack([_solved(*one) for one in zip(*without, strict=True)])
     apart = fits - fits.mean(axis=0)
     return np.asarray((SEGMENTS - 1) / SEGMENTS * apart.T @ apart)
 

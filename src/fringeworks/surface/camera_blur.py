@@ -83,7 +83,8 @@ def remove_blur(
     -------
     PointCloud. ``blur_mm`` is what stays uncertain, which σ contains: the error of the blur itself,
     what the passes after the second have changed, and near the end of a surface the correction of
-    its last pixels.
+    its last pixels. A point where they have changed more than the first pass found stays where it
+    is, with the shift of the first pass as its error.
 
     Raises
     ------
@@ -125,8 +126,8 @@ def remove_blur(
     pixel = _projected(rig, xyz)
     length = np.linalg.norm(xyz, axis=-1)
     rate = (_projected(rig, xyz * (1.0 + STEP)) - pixel) / (STEP * length[..., None])
-    smooth = _Smoothing(cloud, ok, nearest)
-    edge = ~inside_surface(cloud)
+    inside = inside_surface(cloud)
+    smooth = _Smoothing(cloud, ok, inside, nearest)
     columns = (0, 1) if axis is None else ("xy".index(axis),)
     wave = 2.0 * np.pi / (LONG_PERIOD_PX if period_px is None else period_px)
     shift, doubt = np.stack(
@@ -135,7 +136,7 @@ def remove_blur(
     )
     by = rate[..., list(columns)]
     along, changed = (np.sum(s * by, axis=-1) / np.sum(by * by, axis=-1) for s in (shift, doubt))
-    beside = _spread(np.abs(along) * edge, variance)
+    beside = _spread(np.abs(along) * ~inside, variance)
     left = np.sqrt(changed**2 + (blur.relative_sigma * along) ** 2 + beside**2)
     left = np.where(ok, np.copysign(left, along), np.nan)
     gain = _noise_gain(float(np.median(variance[ok])))
@@ -291,11 +292,12 @@ def _parabola(values: FloatMap, mode: str = "nearest") -> FloatMap:
 class _Smoothing:
     """Smooths a coordinate by parabolas that do not cross steps in depth."""
 
-    def __init__(self, cloud: PointCloud, ok: BoolMap, nearest: NDArray[np.integer]) -> None:
+    def __init__(
+        self, cloud: PointCloud, ok: BoolMap, inside: BoolMap, nearest: NDArray[np.integer]
+    ) -> None:
         self._nearest = tuple(nearest)
         side = 2 * HALF_WINDOW_PX + 1
-        whole = inside_surface(cloud)
-        whole = scipy.ndimage.minimum_filter(whole, side - 2, mode="constant", cval=False)
+        whole = scipy.ndimage.minimum_filter(inside, side - 2, mode="constant", cval=False)
         self._whole = whole
         self._rows, self._columns = np.nonzero(ok & ~whole)
         offsets = np.arange(-HALF_WINDOW_PX, HALF_WINDOW_PX + 1)

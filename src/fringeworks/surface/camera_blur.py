@@ -83,8 +83,8 @@ def remove_blur(
     -------
     PointCloud. ``blur_mm`` is what stays uncertain, which σ contains: the error of the blur itself,
     what the passes after the second have changed, and near the end of a surface the correction of
-    its last pixels. A point where they have changed more than the first pass found stays where it
-    is, with the shift of the first pass as its error.
+    its last pixels. There, a point at which they have changed more than the first pass found stays
+    where it is.
 
     Raises
     ------
@@ -137,8 +137,7 @@ def remove_blur(
     by = rate[..., list(columns)]
     along, changed = (np.sum(s * by, axis=-1) / np.sum(by * by, axis=-1) for s in (shift, doubt))
     beside = _spread(np.abs(along) * ~inside, variance)
-    left = np.sqrt(changed**2 + (blur.relative_sigma * along) ** 2 + beside**2)
-    left = np.where(ok, np.copysign(left, along), np.nan)
+    left = np.where(ok, _left(changed, blur.relative_sigma * along, beside), np.nan)
     gain = _noise_gain(float(np.median(variance[ok])))
     moved = cloud.xyz_mm * (1.0 - along / length)[..., None]
     noise = gain * cloud.noise_mm
@@ -150,6 +149,13 @@ def remove_blur(
         noise_mm=noise.astype(np.float32),
         blur_mm=left.astype(np.float32),
     )
+
+
+def _left(changed: FloatMap, of_blur: FloatMap, beside: FloatMap) -> FloatMap:
+    """Error that stays: by what the passes change, by that of the blur, and by pixels beside an
+    edge. Neighbours share the sign of the larger of the first two."""
+    size = np.sqrt(changed**2 + of_blur**2 + beside**2)
+    return np.copysign(size, np.where(np.abs(changed) > np.abs(of_blur), changed, of_blur))
 
 
 def _blur_of(blur: CameraBlur | float | None, rig: Rig) -> CameraBlur:
@@ -189,8 +195,9 @@ def _shift(
     smooth: _Smoothing,
 ) -> tuple[FloatMap, FloatMap]:
     """Shift of a coordinate by the blur, and how much the passes after the second changed it, each
-    (h, w), px. Where they changed more than the first found, as in dark pixels beside bright ones,
-    the sharp surface cannot be told: the shift is then 0, and the first stands for its error."""
+    (h, w), px. Beside the end of a surface and beside steps, where they changed more than the first
+    found, as in dark pixels beside bright ones, the sharp surface cannot be told: the shift is then
+    0. Inside a surface, such a change is noise."""
     levels = _levels(variance)
     sharp, light_now, first, second = measured, light, measured, measured
     for k in range(PASSES):
@@ -211,8 +218,8 @@ def _shift(
         if k == 1:
             second = sharp
     changed = smooth(sharp - second)
-    untold = np.abs(changed) > np.abs(first)
-    return np.where(untold, 0.0, measured - sharp), np.where(untold, first, changed)
+    untold = ~smooth.whole & (np.abs(changed) > np.abs(first))
+    return np.where(untold, 0.0, measured - sharp), changed
 
 
 def _levels(variance: FloatMap) -> list[tuple[float, FloatMap | float]]:
@@ -298,7 +305,8 @@ class _Smoothing:
         self._nearest = tuple(nearest)
         side = 2 * HALF_WINDOW_PX + 1
         whole = scipy.ndimage.minimum_filter(inside, side - 2, mode="constant", cval=False)
-        self._whole = whole
+        self.whole = whole
+        """Pixels whose window lies inside one surface, (h, w)."""
         self._rows, self._columns = np.nonzero(ok & ~whole)
         offsets = np.arange(-HALF_WINDOW_PX, HALF_WINDOW_PX + 1)
         dy, dx = (a.ravel() for a in np.meshgrid(offsets, offsets, indexing="ij"))
@@ -320,7 +328,7 @@ class _Smoothing:
 
     def __call__(self, values: FloatMap) -> FloatMap:
         """Smooth a map (h, w); beyond a surface goes on what is nearest."""
-        found = np.where(self._whole, _parabola(values), values)
+        found = np.where(self.whole, _parabola(values), values)
         beside = np.einsum("nk,nk->n", self._weights, values.ravel()[self._at])
         found[self._rows, self._columns] = beside
         return np.asarray(found[self._nearest])

@@ -104,9 +104,8 @@ class PointCloud(Noted, Sectioned, Frozen):
     findings: tuple[Finding, ...] = ()
     """What was found in the frames and in the points, and what to do about it."""
     blur_mm: FloatMap | None = None
-    """The part of σ that the camera's blur leaves after ``remove_blur``, with the sign of the
-    correction, (h, w), mm: one error that all points have in common, times this. None where blur
-    was not removed."""
+    """The part of σ that the camera's blur leaves after ``remove_blur``, with its sign, (h, w), mm:
+    one error that all points have in common, times this. None where blur was not removed."""
 
     @property
     def shape(self) -> tuple[int, int]:

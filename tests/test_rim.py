@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fringeworks import InputError, Pair, reconstruct
+from fringeworks.pair.analyse import analyse
+from fringeworks.pair.prepared import prepare
+from fringeworks.pair.rim import measure_rim
 from tests.grids import quick
 from tests.shared import shared
 from tests.two_frames import Bench, cap, dome
@@ -69,6 +74,15 @@ def test_without_a_rim_of_background_the_zero_is_unknown():
     error = (result.displacement.displacement_px - u)[8:-8, 8:-8]
     whole = np.nanmedian(error) / result.displacement.period_px
     assert abs(whole) > 0.5  # what the finding warns of: off by a period
+
+
+def test_a_rim_that_is_off_by_a_period_does_not_tell_the_zero():
+    reference, object_, _, _ = taken("still")
+    prepared = prepare(Pair(reference, object_, axis="x"))
+    found = analyse(prepared, "fourier")
+    assert measure_rim(prepared, found).is_background
+    off = replace(found, displacement_px=found.displacement_px + np.float32(prepared.period))
+    assert not measure_rim(prepared, off).is_background
 
 
 def test_a_plane_that_fills_the_frame_keeps_its_displacement():

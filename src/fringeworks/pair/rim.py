@@ -295,6 +295,8 @@ def _measured(
     least = CLEAR_SIGMAS * float(np.median(blocks.sigma[flat]))
     clear = float(np.sqrt(np.mean((of_flat @ theta) ** 2))) > least
     rim = _told(prepared, motion, (theta, covariance), clear)
+    if abs(rim.shift_px) >= 0.5 * prepared.period:
+        return Rim(is_background=False)  # fringes tell a movement modulo one period
     rim = replace(rim, has_object=has_object)
     if not (rim.significant and has_object):
         return rim
@@ -326,7 +328,7 @@ def _told(
     prepared: PreparedPair, motion: _Motion, fit: tuple[FloatMap, FloatMap], clear: bool
 ) -> Rim:
     """The movement as a shift and a turn, and whether its likelihood speaks for it (the Bayesian
-    information criterion). Half a period and more is no movement: fringes tell it modulo one."""
+    information criterion)."""
     theta, covariance = fit
     h, w = prepared.reference.shape
     rows, columns = np.array([0.5, 0.0, 1.0]) * (h - 1), np.full(3, 0.5 * (w - 1))
@@ -334,11 +336,10 @@ def _told(
     tilt = float((bottom - top) @ theta) / max(h - 1, 1)
     evidence = float(theta @ np.linalg.pinv(covariance, rcond=TINY_RANK**2) @ theta)
     price = float(np.linalg.matrix_rank(covariance)) * np.log(SEGMENTS)
-    shift = float(middle @ theta)
     return Rim(
         is_background=True,
-        significant=bool(clear and evidence > price and abs(shift) < 0.5 * prepared.period),
-        shift_px=shift,
+        significant=bool(clear and evidence > price),
+        shift_px=float(middle @ theta),
         shift_sigma_px=float(np.sqrt(max(middle @ covariance @ middle, 0.0))),
         turn_deg=-float(np.degrees(np.arctan(tilt))),
     )

@@ -39,6 +39,10 @@ FULL_LINE = 0.75
 board. The outer squares' own corners, on coarse photographs with JPEG, fill up to half of a line;
 a larger board shows nearly all of its next line. Empirical."""
 
+MAX_STEP = 0.5
+"""Largest change of brightness across an edge alone, relative to the crossing, at a corner: halfway
+between 0, where four squares meet, and 1, where the outer squares end."""
+
 Place = tuple[int, int]
 """Column and row of a corner in the lattice, counted from the part that was found first."""
 
@@ -261,6 +265,7 @@ class _Lattice:
         relative = saddles.contrast * signs / self.usual_contrast
         good = saddles.good & (relative > least_contrast)
         good &= saddles.residual < np.abs(saddles.contrast) * MAX_FIT_RESIDUAL
+        good &= saddles.step < MAX_STEP
         for place, pixel, is_corner in zip(places, saddles.pixels, good, strict=True):
             if is_corner:
                 self.corners[place] = pixel

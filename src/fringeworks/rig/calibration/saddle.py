@@ -62,6 +62,10 @@ class Saddles:
     """Root mean square residual of the fit, (n,), counts; NaN where it failed."""
     blur_px: FloatMap
     """Standard deviation of the blurred edges, (n,), px."""
+    step: FloatMap
+    """Larger change of brightness across one of the edges alone over the amplitude of the crossing,
+    (n,). 0 where four squares meet; 1 where two squares meet something even, and where one dark
+    square does: at a corner of the sheet of squares."""
     good: BoolMap
     """Whether the fit succeeded inside the image and near its start, (n,)."""
 
@@ -119,7 +123,33 @@ def fit_saddles(
     good = inside & np.isfinite(values).all(axis=1)
     good &= (np.abs(fitted[:, :2]) <= half).all(axis=1)
     good &= np.hypot(*shift.T) <= MAX_CORNER_SHIFT * np.maximum(length, 1.0)
-    return Saddles(fitted[:, :2] + centre, linear[:, 3], residual, fitted[:, 4], good)
+    step = _step_share(values, fitted, dx, dy, curvature)
+    return Saddles(fitted[:, :2] + centre, linear[:, 3], residual, fitted[:, 4], step, good)
+
+
+def _step_share(
+    values: FloatMap, fitted: FloatMap, dx: FloatMap, dy: FloatMap, bends: FloatMap
+) -> FloatMap:
+    """How much each edge alone changes the brightness, relative to the crossing; see ``Saddles``.
+
+    I = a + a_x x + a_y y + b E(n₁·x) E(n₂·x) + c₁ E(n₁·x) + c₂ E(n₂·x), linear in all unknowns.
+    """
+    crossing, _, (first, second) = _crossing(fitted, dx, dy, bends)
+    ramp = np.stack((np.ones_like(dx), dx, dy))
+    design = np.concatenate(
+        (
+            np.broadcast_to(ramp, (len(fitted), 3, dx.size)),
+            np.stack((crossing, first, second), axis=1),
+        ),
+        axis=1,
+    )
+    normal = design @ design.transpose(0, 2, 1) + RIDGE * np.eye(LINEAR)
+    solved = np.linalg.solve(normal, design @ values[..., None])[..., 0]
+    steps = np.abs(solved[:, 4:]).max(axis=1)
+    crossed = np.abs(solved[:, 3])
+    return np.asarray(
+        np.divide(steps, crossed, out=np.full(len(fitted), np.inf), where=crossed > 0)
+    )
 
 
 def _windows(
@@ -157,7 +187,7 @@ def _minimise(
     damping = np.full(n, CORNER_FIRST_DAMPING)
     ramp = np.stack((np.ones_like(dx), dx, dy))
     for _ in range(CORNER_STEPS):
-        crossing, by_unknown = _crossing(trial, dx, dy, bends)
+        crossing, by_unknown, _ = _crossing(trial, dx, dy, bends)
         design = np.concatenate(
             (np.broadcast_to(ramp, (n, 3, dx.size)), crossing[:, None] * ramp), axis=1
         )
@@ -191,8 +221,8 @@ def _step(
 
 def _crossing(
     unknowns: FloatMap, dx: FloatMap, dy: FloatMap, bends: FloatMap
-) -> tuple[FloatMap, FloatMap]:
-    """E(n₁·x) E(n₂·x) at the window's pixels, (n, m), and its derivatives, (n, 5, m)."""
+) -> tuple[FloatMap, FloatMap, tuple[FloatMap, FloatMap]]:
+    """E(n₁·x) E(n₂·x) at the pixels, (n, m), its derivatives, (n, 5, m), and both factors."""
     x, y = dx - unknowns[:, 0, None], dy - unknowns[:, 1, None]
     width = np.sqrt(2.0) * unknowns[:, 4, None]
     factors, slopes, normals, along = [], [], [], []
@@ -217,4 +247,4 @@ def _crossing(
         ),
         axis=1,
     )
-    return e1 * e2, derivatives
+    return e1 * e2, derivatives, (e1, e2)

@@ -132,16 +132,15 @@ def _without_blur(
     points: PointCloud, rig: Rig, blur_px: float | None, found: Decoded, axis: Axis | None
 ) -> PointCloud:
     """The points without the error of blur, by the axes that they come from."""
-    used = [m for m in found.maps.values() if axis is None or m.axis == axis]
-    first = min(used, key=lambda m: min(m.periods_px, default=np.inf))
+    used = {a: m for a, m in found.maps.items() if axis is None or a == axis}
     return remove_blur(
         points,
         rig,
         blur_px,
-        axis=used[0].axis if len(used) == 1 else None,
-        period_px=min(first.periods_px, default=None),
-        removed_px=removed_blur(found, axis),
-        modulation=first.modulation,
+        axis=next(iter(used)) if len(used) == 1 else None,
+        period_px={a: min(m.periods_px) for a, m in used.items() if m.periods_px},
+        removed_px={a: found.details.get(a, {}).get("removed_blur_px", 0.0) for a in used},
+        modulation={a: m.modulation for a, m in used.items()},
     )
 
 

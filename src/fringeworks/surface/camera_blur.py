@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy
@@ -14,6 +15,8 @@ from fringeworks.rig.pinhole import project, transform
 from fringeworks.surface.clean import inside_surface
 from fringeworks.surface.cloud import LONG_SIDE
 from fringeworks.types import Axis, BoolMap, CameraBlur, FloatMap, InputError, PointCloud, Rig
+
+Value = TypeVar("Value", float, FloatMap)
 
 HALF_WINDOW_PX = 2
 """Half side of the windows in which a parabola smooths coordinates before they are blurred, px. The
@@ -52,9 +55,9 @@ def remove_blur(
     blur: CameraBlur | float | None = None,
     *,
     axis: Axis | None = None,
-    period_px: float | None = None,
-    removed_px: float = 0.0,
-    modulation: FloatMap | None = None,
+    period_px: float | Mapping[Axis, float] | None = None,
+    removed_px: float | Mapping[Axis, float] = 0.0,
+    modulation: FloatMap | Mapping[Axis, FloatMap] | None = None,
 ) -> PointCloud:
     """Move points to where the camera would see them without blur.
 
@@ -69,7 +72,7 @@ def remove_blur(
         0…3 px, as ``board_pose`` measures it. 0.3 px is a perfect lens. By default the rig's.
     axis : "x" or "y", optional
         Axis of the fringes, where they ran along one only; by default the direction that depends on
-        depth.
+        depth. What follows may be given for each axis, as {"x": …, "y": …}.
     period_px : float > 0, optional
         Shortest period of the fringes, projector px. Where the camera sees it with few pixels, blur
         changes curved fringes less; by default it is taken to be long.
@@ -113,7 +116,9 @@ def remove_blur(
     0.01
     """
     blur = _blur_of(blur, rig)
-    light = _light(cloud, modulation)
+    axes: tuple[Axis, ...] = ("x", "y") if axis is None else (axis,)
+    # Fringes fade on slopes across them, so that each axis has a modulation of its own.
+    lights = [_light(cloud, _of_axis(modulation, a)) for a in axes]
     ok = cloud.reason == 0
     if not ok.any():
         return replace(cloud, blur_mm=np.full(cloud.shape, np.nan, np.float32))
@@ -128,13 +133,14 @@ def remove_blur(
     rate = (_projected(rig, xyz * (1.0 + STEP)) - pixel) / (STEP * length[..., None])
     inside = inside_surface(cloud)
     smooth = _Smoothing(cloud, ok, inside, nearest)
-    columns = (0, 1) if axis is None else ("xy".index(axis),)
-    wave = 2.0 * np.pi / (LONG_PERIOD_PX if period_px is None else period_px)
-    shift, doubt = np.stack(
-        [_shift(pixel[..., k], light, variance, wave, removed_px**2, smooth) for k in columns],
-        axis=-1,
-    )
-    by = rate[..., list(columns)]
+    columns = ["xy".index(a) for a in axes]
+    shifts = []
+    for a, k, light in zip(axes, columns, lights, strict=True):
+        wave = 2.0 * np.pi / (_of_axis(period_px, a) or LONG_PERIOD_PX)
+        removed_px2 = (_of_axis(removed_px, a) or 0.0) ** 2
+        shifts.append(_shift(pixel[..., k], light, variance, wave, removed_px2, smooth))
+    shift, doubt = np.stack(shifts, axis=-1)
+    by = rate[..., columns]
     along, changed = (np.sum(s * by, axis=-1) / np.sum(by * by, axis=-1) for s in (shift, doubt))
     beside = _spread(np.abs(along) * ~inside, variance)
     left = np.where(ok, _left(changed, blur.relative_sigma * along, beside), np.nan)
@@ -149,6 +155,11 @@ def remove_blur(
         noise_mm=noise.astype(np.float32),
         blur_mm=left.astype(np.float32),
     )
+
+
+def _of_axis(value: Value | Mapping[Axis, Value] | None, axis: Axis) -> Value | None:
+    """What is given for an axis, or for both."""
+    return value.get(axis) if isinstance(value, Mapping) else value
 
 
 def _left(changed: FloatMap, of_blur: FloatMap, beside: FloatMap) -> FloatMap:

@@ -1,4 +1,4 @@
-# demo · unit · test · long · faults · fuzz · kills · check · bench · docs · gallery · screenshots · wheel · audit: the only entry points. Each makes its
+# demo · unit · test · thorough · long · faults · fuzz · kills · check · bench · docs · gallery · screenshots · wheel · audit: the only entry points. Each makes its
 # own .venv and needs nothing but python3 (3.11 or later), cargo and make.
 
 PYTHON ?= python3
@@ -13,7 +13,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 RUST := Cargo.toml Cargo.lock $(shell find crates -name '*.rs' -o -name Cargo.toml)
 WORK ?=
 
-.PHONY: demo unit test long faults fuzz kills check bench docs gallery clean screenshots wheel audit
+.PHONY: demo unit test thorough long faults fuzz kills check bench docs gallery clean screenshots wheel audit
 
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
@@ -22,8 +22,8 @@ demo: $(VENV)/.built
 ALONE := tests/test_memory.py
 # A file stays with one worker, which makes its scenes once; tests/conftest.py puts the slow files first.
 WORKERS := -n 3 --dist loadfile --no-loadscope-reorder --ignore tests/test_faults.py --ignore $(ALONE)
-OTHERS := $(WORKERS) -m "not long"
-UNIT := $(WORKERS) -m "not (statistical or system or long)"
+OTHERS := $(WORKERS) -m "not (thorough or long)"
+UNIT := $(WORKERS) -m "not (statistical or system or thorough or long)"
 
 # Workers and child interpreters share the bytecode of the package and of the tests, whatever the caller's environment says.
 TESTED := PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1
@@ -32,12 +32,16 @@ TESTED := PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1
 unit: $(VENV)/.built
 	$(TESTED) $(BIN)/python -m pytest $(UNIT)
 
-# All layers but the long one. Cargo's test profile checks for overflow; the bindings have no tests of their own. Three workers
+# All layers, without the tests that take seconds each. Cargo's test profile checks for overflow; the bindings have no tests of their own. Three workers
 # for two cores: some tests wait for cameras and pages. One BLAS thread for each: idle ones spin on the cores of the others.
 test: $(VENV)/.built
 	cargo test --quiet --package fringeworks
-	$(TESTED) $(BIN)/python -m pytest $(ALONE)
 	$(TESTED) $(BIN)/python -m pytest $(OTHERS)
+
+# Those tests, which tests/thorough.txt names, and the memory of calls. Both run before a change lands.
+thorough: $(VENV)/.built
+	$(TESTED) $(BIN)/python -m pytest $(ALONE)
+	$(TESTED) $(BIN)/python -m pytest $(WORKERS) -m "thorough and not long"
 
 # Statistics over many captures, and whole grids of which the tests take pairs: an hour.
 long: $(VENV)/.built
@@ -93,7 +97,7 @@ screenshots: $(VENV)/.built
 	$(BIN)/python docs/make_studio_screenshots.py
 
 # Wheel and source distribution in dist/. The wheel is installed into an empty environment whose path holds nothing but that
-# environment, so that neither cargo nor a compiler can help, and is tested there: by the quick layer, or with ALL=1 by all of `make test`.
+# environment, so that neither cargo nor a compiler can help, and is tested there: by the quick layer, or with ALL=1 by the tests of `make test`.
 wheel: $(VENV)/.ready
 	rm -rf dist $(WHEEL_VENV)
 	VIRTUAL_ENV=$(VENV) $(BIN)/maturin build --release --locked --quiet --sdist --out dist

@@ -37,6 +37,23 @@ def _shared_folder(tmp_path_factory):
         shared.FOLDER.mkdir(exist_ok=True)
 
 
+THOROUGH = Path(__file__).with_name("thorough.txt")
+"""Files, tests and cases of tests that take seconds, one a line; ``make thorough`` runs them."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_itemcollected(item):
+    """Marks what costs seconds, before ``-m`` chooses."""
+    name = item.nodeid.removeprefix("tests/")
+    if not _thorough().isdisjoint({name, name.partition("[")[0], name.partition("::")[0]}):
+        item.add_marker("thorough")
+
+
+@cache
+def _thorough() -> frozenset[str]:
+    return frozenset(THOROUGH.read_text(encoding="utf-8").split("\n"))
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items):
     """Files with slow tests go first, so that the workers of a run end together."""

@@ -138,6 +138,20 @@ def test_files_of_tests_import_from_helpers_only():
     assert not wrong
 
 
+def test_thorough_tests_exist():
+    """A line that names no test would leave the test of another name in the quick layers."""
+    files = list(Path(__file__).parent.glob("test_*.py"))
+    defined = {path.name for path in files} | {
+        f"{path.name}::{node.name}"
+        for path in files
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef)
+    }
+    listed = (ROOT / "tests" / "thorough.txt").read_text(encoding="utf-8").split("\n")[:-1]
+    assert listed == sorted(set(listed))
+    assert [line for line in listed if line.partition("[")[0] not in defined] == []
+
+
 def test_tests_that_start_processes_are_marked():
     # The unit layer stays quick, and runs where there is no browser, camera or window.
     starts = ("subprocess", "playwright", "chromium", "studio_page", "tests.kernels", "FakeCamera")

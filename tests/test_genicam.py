@@ -20,9 +20,10 @@ from fringeworks.scan.exposure_proof import exposure_obeys
 from fringeworks.types import CameraSettings, DeviceProblem, Region
 
 try:
+    from fringeworks.devices.aravis import aravis
     from fringeworks.devices.genicam import GenicamCamera, genicam_cameras
 
-    genicam_cameras()
+    aravis()
 except MissingPackage as error:
     pytest.skip(f"{error}", allow_module_level=True)
 

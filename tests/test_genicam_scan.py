@@ -21,9 +21,10 @@ from fringeworks.files.plan import frame_names
 from fringeworks.types import CameraSettings, DeviceProblem, FileProblem, MissingPackage
 
 try:
-    from fringeworks.devices.genicam import GenicamCamera, genicam_cameras
+    from fringeworks.devices.aravis import aravis
+    from fringeworks.devices.genicam import GenicamCamera
 
-    genicam_cameras()
+    aravis()
 except MissingPackage as error:
     pytest.skip(f"{error}", allow_module_level=True)
 

@@ -148,6 +148,17 @@ def size_of(text: str, name: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
+def region_of(text: str, name: str) -> fw.devices.Region:
+    """Part of a frame from ``x,y,columns,rows``."""
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) != 4 or not all(part.isdigit() for part in parts):
+        raise fw.InputError(
+            f"--{name}: expected first column, first row, columns and rows, as 128,64,640,512, got "
+            f"{text!r}"
+        )
+    return fw.devices.Region(*map(int, parts))
+
+
 def depth_of(text: str | None) -> tuple[float, float] | None:
     """Smallest and largest depth in mm from ``450:560``; None for none."""
     if text is None:

@@ -11,7 +11,7 @@ import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import Commands, app
 from fringeworks.cli.decoding import DecodingOptions
-from fringeworks.cli.options import JsonFile, size_of
+from fringeworks.cli.options import JsonFile, region_of, size_of
 
 SECTION = "Stacks and rigs"
 EXIT_CODES = {"holds": 0, "has moved": 3, "cannot tell": 4}
@@ -87,8 +87,18 @@ def convert(
     unit_mm: Annotated[
         float | None, typer.Option(help="Unit of OpenCV's file in mm, such as 1000 for metres.")
     ] = None,
+    crop: Annotated[
+        str | None,
+        typer.Option(help="x,y,w,h: first column and row, columns and rows of cropped frames."),
+    ] = None,
+    binning: Annotated[
+        int, typer.Option("--bin", min=1, help="Pixels along columns and rows that became one.")
+    ] = 1,
+    scale: Annotated[
+        float, typer.Option(help="Size of resampled frames, over that of the rig's.")
+    ] = 1.0,
 ) -> None:
-    """Convert a rig file, to and from OpenCV's XML and YAML."""
+    """Convert a rig file, to and from OpenCV's XML and YAML, or for cropped or binned frames."""
     from fringeworks.rig.point_findings import unit_findings
 
     words = output.Output(out)
@@ -101,6 +111,8 @@ def convert(
         found = fw.files.read_rig(
             source, camera_size=sizes[0], projector_size=sizes[1], unit_mm=unit_mm
         )
+        region = None if crop is None else region_of(crop, "crop")
+        found = fw.rig.for_frames(found, region=region, binning=binning, scale=scale)
         fw.files.write_rig(place, found)
     words.found(unit_findings(found))
     words.wrote(out)

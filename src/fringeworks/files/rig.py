@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,6 +24,7 @@ from fringeworks.types import (
     InputError,
     Pinhole,
     Provenance,
+    Region,
     Rig,
 )
 
@@ -50,6 +51,8 @@ class DeviceSection(Section):
     distortion: tuple[float, float, float, float, float]
     residual_px: float | None = Field(default=None, ge=0)
     """Root mean square reprojection residual of the calibration; left out where unknown."""
+    region: tuple[int, int, int, int] | None = None
+    """First column, first row, columns and rows on the camera's sensor; left out where unknown."""
 
 
 class PoseSection(Section):
@@ -177,6 +180,8 @@ def format_rig(rig: Rig) -> str:
         "projector": device_section(rig.projector, projector_px),
         "T_projector_camera": pose_section(rig.T_projector_camera),
     }
+    if rig.region is not None:
+        content["camera"]["region"] = list(astuple(rig.region))
     if rig.covariance is not None:
         content["uncertainty"] = uncertainty_section(rig.covariance, RIG_PARAMETERS)
         if rig.structure_px > 0:
@@ -255,6 +260,7 @@ def _from_toml(content: RigFile) -> Rig:
         origin,
         0.0 if content.uncertainty is None else content.uncertainty.structure_px,
         None if content.blur is None else CameraBlur(**content.blur.model_dump()),
+        None if content.camera.region is None else Region(*content.camera.region),
     )
 
 

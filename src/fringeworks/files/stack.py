@@ -11,7 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath
-from fringeworks.files.capture_writer import StackFile, refuse_unfinished, writing_capture
+from fringeworks.files.capture_writer import (
+    StackFile,
+    refuse_unfinished,
+    settings_of,
+    writing_capture,
+)
 from fringeworks.files.frame_order import by_name, in_plan_order
 from fringeworks.files.images import (
     CHANNELS,
@@ -28,7 +33,7 @@ from fringeworks.files.provenance import source_of
 from fringeworks.files.toml import kind_of, read_toml
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.frames import Stack, step_of
-from fringeworks.types import NUMBERS, FileProblem, FramesContradictPlan, sealed
+from fringeworks.types import NUMBERS, FileProblem, FramesContradictPlan, Region, sealed
 
 STACK_SUFFIXES = (*TIFF_SUFFIXES, ".npy", ".npz")
 """Single files that hold a stack."""
@@ -236,7 +241,16 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
         tuple(source_of(path) for path in (*paths, *tomls)),
         step,
         lossy,
+        _region_of(content, frames),
     )
+
+
+def _region_of(content: StackFile, frames: Sequence[NDArray[Any]]) -> Region | None:
+    """The part of the sensor that frames show, unless their size is another by now."""
+    region = settings_of(content.settings).region
+    shapes = {frame.shape for frame in frames}
+    fits = region is not None and shapes == {(region.height_px, region.width_px)}
+    return region if fits else None
 
 
 def _first_of(notes: Sequence[str]) -> list[str]:

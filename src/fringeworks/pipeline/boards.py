@@ -21,6 +21,7 @@ from fringeworks.types import (
     FileProblem,
     Finding,
     InputError,
+    Region,
     Source,
     fingerprint,
     found_before,
@@ -78,7 +79,7 @@ def calibrate_stacks(
         inputs=seen.inputs,
         plan=plans[0] if len(plans) == 1 else plans,
     )
-    return replace(found, rig=replace(found.rig, provenance=origin))
+    return replace(found, rig=replace(found.rig, provenance=origin, region=seen.region))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +93,8 @@ class ObservedPoses:
     """Every pose, by the hashes of its files."""
     plans: tuple[PatternPlan, ...]
     """The plans of the stacks, each once."""
+    region: Region | None
+    """The part of the camera's sensor that all stacks show; None where one does not say."""
     findings: tuple[Finding, ...]
     """What was found in the frames of the poses that could not be observed."""
 
@@ -111,8 +114,10 @@ def observe_poses(
     findings: list[Finding] = []
     inputs: list[Source] = []
     plans: dict[PatternPlan, None] = {}
+    regions: set[Region | None] = set()
     for name, stack in poses:
         progress(f"{name} …")
+        regions.add(stack.region)
         # One line for a pose, by the hashes of its files: a rig file is read by people.
         inputs.append(Source(name, fingerprint(tuple(s.sha256 for s in inputs_of(stack)))))
         plans[stack.plan] = None
@@ -123,7 +128,21 @@ def observe_poses(
         except InputError as error:
             skipped[name] = why_unused(error)
             findings += error.findings
-    return ObservedPoses(observations, skipped, tuple(inputs), tuple(plans), tuple(findings))
+    return ObservedPoses(
+        observations, skipped, tuple(inputs), tuple(plans), _one_region(regions), tuple(findings)
+    )
+
+
+def _one_region(regions: set[Region | None]) -> Region | None:
+    """The part of the sensor that all poses show; they cannot show several of one size."""
+    told = [r for r in regions if r is not None]
+    if len(told) > 1:
+        places = sorted(f"column {r.x_px}, row {r.y_px}" for r in told)
+        raise InputError(
+            "poses: expected one part of the camera's sensor in all, got several, from "
+            f"{' and '.join(places)} on"
+        )
+    return told[0] if regions == set(told) and told else None
 
 
 def why_unused(error: InputError) -> str:

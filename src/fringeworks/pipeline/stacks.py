@@ -17,6 +17,7 @@ from fringeworks.pipeline.decoding import decoded_exposures, given_options, of_f
 from fringeworks.pipeline.inputs import inputs_of, stack_of, stacks_of
 from fringeworks.rig.depth_range import DepthRange, depth_range_of
 from fringeworks.rig.point_findings import point_findings
+from fringeworks.rig.sensor_region import rig_for_region
 from fringeworks.rig.triangulate import Triangulator
 from fringeworks.signal.response import Response, check_devices
 from fringeworks.signal.response import measure_response as response_of_frames
@@ -91,8 +92,7 @@ def measure(
     """Measure the points of a stack of frames with a calibrated rig; see ``verbs.measure``."""
     stacks = stacks_of(stack)
     plan = stacks[0].plan
-    if not isinstance(rig, Triangulator):
-        rig = Triangulator(rig if isinstance(rig, Rig) else read_rig(rig))
+    rig = _for_stack(rig, stacks[0])
     check_projector(rig.rig, stacks[0])
     depth = depth_range_of(depth_mm, rig.rig)
     started = time.perf_counter()
@@ -126,6 +126,15 @@ def measure(
     told = (*points.findings, *point_findings(points, rig.rig, plan.height_px))
     points = replace(points, provenance=origin, findings=told)
     return Measurement(points, found, seconds)
+
+
+def _for_stack(rig: Rig | Triangulator | StrPath, stack: Stack) -> Triangulator:
+    """The rig for the part of the sensor that the frames show."""
+    if isinstance(rig, Triangulator):
+        fitting = rig_for_region(rig.rig, stack.region)
+        return rig if fitting is rig.rig else Triangulator(fitting)
+    known = rig if isinstance(rig, Rig) else read_rig(rig)
+    return Triangulator(rig_for_region(known, stack.region))
 
 
 def _without_blur(

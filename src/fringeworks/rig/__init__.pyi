@@ -48,6 +48,9 @@ from .depth_range import (
 from .triangulate import (
     Triangulator as Triangulator,
 )
+from .sensor_region import (
+    for_frames as for_frames,
+)
 from .device_pairs import (
     camera_pair as camera_pair,
 )

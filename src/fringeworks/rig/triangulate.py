@@ -282,7 +282,8 @@ def _chosen(decoded: Decoded, rig: Rig, axis: Axis | None) -> dict[Axis, Coordin
         if (h, w) != camera.shape:
             raise RigMismatch(
                 f"rig: it is for a camera of {camera.width_px} × {camera.height_px} px, got "
-                f"frames of {w} × {h}"
+                f"frames of {w} × {h}; for_frames and rig convert --crop, --bin, --scale make one "
+                "for other frames of the same camera"
             )
         if found.repeats_px is not None:
             raise InputError(

@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
 from fringeworks.signal.bands import row_bands
-from fringeworks.types import FramesContradictPlan, Frozen, InputError, Source, positive, unmasked
+from fringeworks.types import (
+    FramesContradictPlan,
+    Frozen,
+    InputError,
+    Region,
+    Source,
+    positive,
+    unmasked,
+)
 
 FRAME_TYPES = ("uint8", "uint16", "float32", "float64")
 """Types of the counts that frames may have."""
@@ -69,6 +77,8 @@ class Stack(Frozen):
     counts, None where unknown."""
     lossy: bool = False
     """Whether the frames come from lossily compressed files, such as JPEG."""
+    region: Region | None = None
+    """Part of the camera's sensor that they show; None where the capture does not say."""
 
     def __post_init__(self) -> None:
         frames = self.frames

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks.types.arrays import FloatMap
+from fringeworks.types.camera import Region
 from fringeworks.types.camera_blur import CameraBlur
 from fringeworks.types.checks import MOST_PX, finite, positive, whole
 from fringeworks.types.errors import InputError
@@ -87,6 +88,8 @@ class Rig(Frozen):
     lenses' model does not hold: root mean square, px. Points near each other share them."""
     blur: CameraBlur | None = None
     """The camera's blur; None where unknown."""
+    region: Region | None = None
+    """Part of the camera's sensor that its frames show; None where unknown."""
 
     def __post_init__(self) -> None:
         for name in ("T_projector_camera", "covariance"):
@@ -103,6 +106,12 @@ class Rig(Frozen):
             raise InputError("rig: expected a rotation in T_projector_camera, got none")
         if not np.linalg.norm(pose[:3, 3]) > 0:
             raise InputError("rig: expected a baseline > 0, got camera and projector at one place")
+        shown = self.region
+        if shown is not None and (shown.height_px, shown.width_px) != self.camera.shape:
+            raise InputError(
+                f"rig: expected a region of the camera's {self.camera.width_px} × "
+                f"{self.camera.height_px} px, got {shown.width_px} × {shown.height_px}"
+            )
         if not 0.0 <= self.structure_px < np.inf:
             raise InputError(f"rig: expected structure_px >= 0, got {self.structure_px}")
         n = len(RIG_PARAMETERS)

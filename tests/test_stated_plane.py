@@ -161,6 +161,7 @@ def test_the_evidence_has_the_error_that_it_states():
     assert 0.2 < np.sqrt(np.mean(squares)) < 1.3
 
 
+@pytest.mark.long
 def test_fringes_along_y_give_the_same_points():
     one = bench()
     reference, object_, _, _ = taken("dome")
@@ -203,6 +204,7 @@ def test_a_depth_range_tells_the_order():
     assert finding(nothing, "depth range").severity == "warning"
 
 
+@pytest.mark.long
 def test_paint_on_the_reference_is_no_shadow():
     one = bench(paint=lambda x, y: np.where((abs(x + 70) < 9) & (abs(y) < 30), 0.08, 1.0))
     reference, object_, _, _ = one.pair(dome(28.0, 4.0))

@@ -42,6 +42,18 @@ strong perspective: four leave 1e-4 of the correction."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class PhaseNodes(Frozen):
+    """Phase of the reference's fringes at nodes, in the orientation of the prepared pair."""
+
+    rows: FloatMap
+    """(n,), px."""
+    columns: FloatMap
+    """(n,), px."""
+    beyond_rad: FloatMap
+    """Unwrapped phase less that of the carrier, (n,), rad, up to a common multiple of 2π."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class ReferencePhase(Frozen):
     """Phase of the reference beyond its carrier, as a polynomial."""
 
@@ -72,17 +84,12 @@ class ReferencePhase(Frozen):
         )
         return np.asarray(along / half[1]), np.asarray(down / half[0])
 
-
-@dataclass(frozen=True, eq=False, repr=False)
-class PhaseNodes(Frozen):
-    """Phase of the reference's fringes at nodes, in the orientation of the prepared pair."""
-
-    rows: FloatMap
-    """(n,), px."""
-    columns: FloatMap
-    """(n,), px."""
-    beyond_rad: FloatMap
-    """Unwrapped phase less that of the carrier, (n,), rad, up to a common multiple of 2π."""
+    def left(self, nodes: PhaseNodes) -> FloatMap:
+        """Return what the polynomial leaves of the phase of nodes, (n,), rad."""
+        half = [0.5 * max(side - 1, 1) for side in self.shape]
+        at = (nodes.rows / half[0] - 1.0, nodes.columns / half[1] - 1.0)
+        value = np.polynomial.polynomial.polyval2d(*at, self.coefficients)
+        return np.asarray(nodes.beyond_rad - value)
 
 
 def phase_nodes(prepared: PreparedPair) -> PhaseNodes | None:
@@ -116,15 +123,24 @@ def reference_phase(prepared: PreparedPair) -> ReferencePhase | None:
     Returns
     -------
     ReferencePhase, or None where the fringes have one period, or are no smooth surface.
+    """
+    nodes = phase_nodes(prepared)
+    found = None if nodes is None else polynomial_phase(prepared, nodes)
+    if nodes is None or found is None:
+        return None
+    along, _ = found.slopes(nodes.rows, nodes.columns)
+    change = np.sqrt(np.mean(along**2)) / (2.0 * np.pi * prepared.frequency[0])
+    return None if change < SIGNIFICANT else found
+
+
+def polynomial_phase(prepared: PreparedPair, nodes: PhaseNodes) -> ReferencePhase | None:
+    """Fit a polynomial to the phase of nodes; None where they are on no smooth surface.
 
     Notes
     -----
     The frame is multiplied by the carrier and averaged; a polynomial is fitted to the unwrapped
     phase of the nodes, twice, the second time without outliers.
     """
-    nodes = phase_nodes(prepared)
-    if nodes is None:
-        return None
     h, w = prepared.reference.shape
     y, x = 2.0 * nodes.rows / max(h - 1, 1) - 1.0, 2.0 * nodes.columns / max(w - 1, 1) - 1.0
     phase = nodes.beyond_rad
@@ -139,13 +155,6 @@ def reference_phase(prepared: PreparedPair) -> ReferencePhase | None:
         spread = np.median(np.abs(residual[keep]))
         keep = np.abs(residual) <= REJECTED_MADS * max(float(spread), 1e-9)
     if np.sqrt(np.mean(residual[keep] ** 2)) > MAX_RESIDUAL_RAD:
-        return None
-    slope = sum(
-        c * i * y**j * x ** (i - 1) for c, (j, i) in zip(found, powers, strict=True) if i > 0
-    )
-    per_px = np.asarray(slope) * 2.0 / max(w - 1, 1)
-    change = np.sqrt(np.mean(per_px**2)) / (2.0 * np.pi * prepared.frequency[0])
-    if change < SIGNIFICANT:
         return None
     table = np.zeros((DEGREE + 1, DEGREE + 1))
     for c, (j, i) in zip(found, powers, strict=True):

@@ -23,6 +23,7 @@ from fringeworks.cli.options import (
     ResponseFile,
     ZeroName,
     ZeroOption,
+    depth_of,
     items,
 )
 from fringeworks.cli.showing import ShowOptions
@@ -48,12 +49,35 @@ class RigOptions:
             "coordinates, mm."
         ),
     ] = None
+    plane_sigma_mm: Annotated[
+        float | None,
+        typer.Option(help="With --plane-equation: its standard deviation, mm; 1 by default."),
+    ] = None
+    period_px: Annotated[
+        float | None,
+        typer.Option(help="With --rig: period of the fringes in the projector, px."),
+    ] = None
+    bright_px: Annotated[
+        float | None,
+        typer.Option(help="With --period-px: projector coordinate of a bright fringe, px."),
+    ] = None
+    depth: Annotated[
+        str | None,
+        typer.Option(
+            help="With --rig: smallest and largest depth of what is lit, mm, as 450:560; fringe "
+            "orders that lead out of it are corrected."
+        ),
+    ] = None
 
     def check(self, geometry: object) -> None:
         """Refuse what does not belong together."""
         planes = {
             "--plane-coordinates": self.plane_coordinates,
             "--plane-equation": self.plane_equation,
+            "--plane-sigma-mm": self.plane_sigma_mm,
+            "--period-px": self.period_px,
+            "--bright-px": self.bright_px,
+            "--depth": self.depth,
         }
         for option, value in planes.items():
             if self.rig is None and value is not None:
@@ -68,7 +92,16 @@ class RigOptions:
         equation = self.plane_equation
         plane = None if equation is None else items(float, equation, "plane-equation")
         found = fw.measure(
-            pair, rig, reference=self.plane_coordinates, plane=plane, method=method, **options
+            pair,
+            rig,
+            reference=self.plane_coordinates,
+            plane=plane,
+            plane_sigma_mm=self.plane_sigma_mm,
+            period_px=self.period_px,
+            bright_px=self.bright_px,
+            depth_mm=depth_of(self.depth),
+            method=method,
+            **options,
         )
         return found, rig
 

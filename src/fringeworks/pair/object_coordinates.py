@@ -45,34 +45,39 @@ def object_coordinates(
             f"reference coordinates: expected shape {displacement.displacement_px.shape} of the "
             f"frames, got {reference.coordinate_px.shape}"
         )
-    turned = displacement.axis == "y"
-
-    def turn(values: NDArray[Any]) -> NDArray[Any]:
-        return values.T if turned else values
-
-    u, sigma_u = turn(displacement.displacement_px), turn(displacement.sigma_px)
-    q, sigma_q = turn(reference.coordinate_px), turn(reference.sigma_px)
-    width = u.shape[1]
-    place = np.arange(width) - np.where(np.isfinite(u), u, 0.0)
-    low = np.clip(np.floor(place), 0, width - 2).astype(np.intp)
-    share = place - low
-
-    def at(values: FloatMap, offset: int) -> FloatMap:
-        return np.take_along_axis(values.astype(np.float64), low + offset, axis=1)
-
-    steep = at(q, 1) - at(q, 0)
-    found = at(q, 0) + share * steep
-    noise = np.maximum(at(sigma_q, 0), at(sigma_q, 1))
-    sigma = np.hypot(steep * sigma_u, noise)
-    ok = np.isfinite(found) & np.isfinite(u)
+    (first, second), share = at_reference(displacement, reference.coordinate_px)
+    noise = np.maximum(*at_reference(displacement, reference.sigma_px)[0])
+    steep = second - first
+    found = first + share * steep
+    sigma = np.hypot(steep * displacement.sigma_px, noise)
+    ok = np.isfinite(found) & np.isfinite(displacement.displacement_px)
     reason = displacement.reason.copy()
-    reason[turn(~ok) & (reason == Reason.OK)] = Reason.OUTSIDE
+    reason[~ok & (reason == Reason.OK)] = Reason.OUTSIDE
     return CoordinateMap(
-        coordinate_px=sealed(turn(np.where(ok, found, np.nan))),
-        sigma_px=sealed(turn(np.where(ok, sigma, np.nan))),
+        coordinate_px=sealed(np.where(ok, found, np.nan)),
+        sigma_px=sealed(np.where(ok, sigma, np.nan)),
         modulation=sealed(displacement.modulation_ratio * modulation),
         background=sealed(level),
         reason=sealed(reason),
         axis=reference.axis,
         periods_px=(),
     )
+
+
+def at_reference(
+    displacement: DisplacementMap, values: FloatMap
+) -> tuple[tuple[FloatMap, FloatMap], FloatMap]:
+    """Values of a map of the reference at the two pixels beside x − u, each (h, w), and the share
+    of the second."""
+    turned = displacement.axis == "y"
+
+    def turn(given: NDArray[Any]) -> NDArray[Any]:
+        return given.T if turned else given
+
+    u = turn(displacement.displacement_px)
+    width = u.shape[1]
+    place = np.arange(width) - np.where(np.isfinite(u), u, 0.0)
+    low = np.clip(np.floor(place), 0, width - 2).astype(np.intp)
+    wide = turn(values).astype(np.float64)
+    beside = [turn(np.take_along_axis(wide, low + k, axis=1)) for k in (0, 1)]
+    return (beside[0], beside[1]), turn(place - low)

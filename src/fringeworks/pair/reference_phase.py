@@ -42,6 +42,18 @@ strong perspective: four leave 1e-4 of the correction."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class PhaseNodes(Frozen):
+    """Phase of the reference's fringes at nodes, in the orientation of the prepared pair."""
+
+    rows: FloatMap
+    """(n,), px."""
+    columns: FloatMap
+    """(n,), px."""
+    beyond_rad: FloatMap
+    """Unwrapped phase less that of the carrier, (n,), rad, up to a common multiple of 2π."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class ReferencePhase(Frozen):
     """Phase of the reference beyond its carrier, as a polynomial."""
 
@@ -72,6 +84,34 @@ class ReferencePhase(Frozen):
         )
         return np.asarray(along / half[1]), np.asarray(down / half[0])
 
+    def left(self, nodes: PhaseNodes) -> FloatMap:
+        """Return what the polynomial leaves of the phase of nodes, (n,), rad."""
+        half = [0.5 * max(side - 1, 1) for side in self.shape]
+        at = (nodes.rows / half[0] - 1.0, nodes.columns / half[1] - 1.0)
+        value = np.polynomial.polynomial.polyval2d(*at, self.coefficients)
+        return np.asarray(nodes.beyond_rad - value)
+
+
+def phase_nodes(prepared: PreparedPair) -> PhaseNodes | None:
+    """Read the phase of the reference at nodes: the largest region in which fringes are clear.
+
+    Returns
+    -------
+    PhaseNodes, or None where fewer than ``MIN_NODES`` are clear.
+    """
+    field, rows, columns = _nodes(prepared)
+    if field.size < MIN_NODES:
+        return None
+    amplitude = np.abs(field)
+    used = amplitude > MIN_AMPLITUDE * np.median(amplitude)
+    if used.sum() < MIN_NODES:
+        return None
+    unwrapped = unwrap(np.angle(field), used)
+    used &= unwrapped.region == 1
+    at = np.broadcast_arrays(rows[:, None], columns[None, :])
+    phase = np.asarray(unwrapped.phase, np.float64)[used]
+    return PhaseNodes(at[0][used].astype(np.float64), at[1][used].astype(np.float64), phase)
+
 
 def reference_phase(prepared: PreparedPair) -> ReferencePhase | None:
     """Measure how the phase of the reference differs from that of its carrier.
@@ -83,26 +123,29 @@ def reference_phase(prepared: PreparedPair) -> ReferencePhase | None:
     Returns
     -------
     ReferencePhase, or None where the fringes have one period, or are no smooth surface.
+    """
+    nodes = phase_nodes(prepared)
+    found = None if nodes is None else polynomial_phase(prepared, nodes)
+    if nodes is None or found is None:
+        return None
+    along, _ = found.slopes(nodes.rows, nodes.columns)
+    change = np.sqrt(np.mean(along**2)) / (2.0 * np.pi * prepared.frequency[0])
+    return None if change < SIGNIFICANT else found
+
+
+def polynomial_phase(prepared: PreparedPair, nodes: PhaseNodes) -> ReferencePhase | None:
+    """Fit a polynomial to the phase of nodes; None where they are on no smooth surface.
 
     Notes
     -----
     The frame is multiplied by the carrier and averaged; a polynomial is fitted to the unwrapped
     phase of the nodes, twice, the second time without outliers.
     """
-    field, rows, columns = _nodes(prepared)
-    if field.size < MIN_NODES:
-        return None
-    amplitude = np.abs(field)
-    used = amplitude > MIN_AMPLITUDE * np.median(amplitude)
-    if used.sum() < MIN_NODES:
-        return None
-    unwrapped = unwrap(np.angle(field), used)
-    used &= unwrapped.region == 1
     h, w = prepared.reference.shape
-    y, x = 2.0 * rows[:, None] / max(h - 1, 1) - 1.0, 2.0 * columns[None, :] / max(w - 1, 1) - 1.0
+    y, x = 2.0 * nodes.rows / max(h - 1, 1) - 1.0, 2.0 * nodes.columns / max(w - 1, 1) - 1.0
+    phase = nodes.beyond_rad
     powers = [(j, i) for j in range(DEGREE + 1) for i in range(DEGREE + 1 - j)]
-    design = np.stack([(y**j * x**i)[used] for j, i in powers], axis=-1)
-    phase = np.asarray(unwrapped.phase, np.float64)[used]
+    design = np.stack([y**j * x**i for j, i in powers], axis=-1)
     keep = np.ones(phase.size, bool)
     for _ in range(2):
         if keep.sum() < MIN_NODES:
@@ -112,13 +155,6 @@ def reference_phase(prepared: PreparedPair) -> ReferencePhase | None:
         spread = np.median(np.abs(residual[keep]))
         keep = np.abs(residual) <= REJECTED_MADS * max(float(spread), 1e-9)
     if np.sqrt(np.mean(residual[keep] ** 2)) > MAX_RESIDUAL_RAD:
-        return None
-    slope = sum(
-        c * i * y**j * x ** (i - 1) for c, (j, i) in zip(found, powers, strict=True) if i > 0
-    )
-    per_px = np.asarray(slope) * 2.0 / max(w - 1, 1)
-    change = np.sqrt(np.mean(per_px[used] ** 2)) / (2.0 * np.pi * prepared.frequency[0])
-    if change < SIGNIFICANT:
         return None
     table = np.zeros((DEGREE + 1, DEGREE + 1))
     for c, (j, i) in zip(found, powers, strict=True):

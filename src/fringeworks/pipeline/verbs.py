@@ -139,6 +139,10 @@ def measure(
     *,
     reference: Decoded | CoordinateMap | StrPath | None = None,
     plane: Sequence[float] | None = None,
+    plane_sigma_mm: float | None = None,
+    period_px: float | None = None,
+    bright_px: float | None = None,
+    depth_mm: DepthRange | Sequence[float] | None = None,
     method: str = "windowed",
     response: Response | None = None,
     denoise: Denoiser | None = None,
@@ -184,6 +188,10 @@ def measure(capture: Any, rig: Any, **options: Any) -> Measurement | MultiMeasur
         For a pair: projector coordinates of the plane that the reference frame shows.
     plane : (a, b, c, d), optional
         For a pair, instead: where the plane is, a x + b y + c z = d in camera coordinates, mm.
+    plane_sigma_mm, period_px, bright_px : float, optional
+        For a pair and a plane: its standard deviation, 1 mm by default; the fringes' period in the
+        projector and the coordinate of a bright one, px, which let the reference frame correct it.
+        ``depth_mm`` corrects a pair's fringe orders.
     method, response, denoise, zero
         For a pair, as for ``reconstruct``.
     **options

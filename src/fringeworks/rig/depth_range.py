@@ -219,6 +219,25 @@ class DepthRange:
             findings.append(self._finding(maps[axis], found))
         return replace(decoded, x=maps.get("x"), y=maps.get("y"), findings=tuple(findings))
 
+    def orders(self, found: CoordinateMap, period_px: float) -> tuple[FloatMap, FloatMap]:
+        """Fewest and most periods that lead absolute coordinates into the range, each (h, w).
+
+        Parameters
+        ----------
+        found : CoordinateMap
+        period_px : float
+            Period of the fringes, projector px.
+
+        Returns
+        -------
+        Whole numbers; the first is larger than the second where no order does, and NaN is where
+        the coordinate is.
+        """
+        allowed = self._pixels(found.axis)
+        reach = allowed.half + ROOM_SIGMAS * np.sqrt(found.sigma_px**2 + allowed.variance)
+        off = allowed.middle - found.coordinate_px
+        return np.ceil((off - reach) / period_px), np.floor((off + reach) / period_px)
+
     def _resolved(self, found: CoordinateMap) -> CoordinateMap:
         """The map with absolute coordinates of the range alone."""
         allowed = self._pixels(found.axis)

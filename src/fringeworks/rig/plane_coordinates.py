@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fringeworks.rig.pinhole import project, rays, transform
-from fringeworks.types import Axis, CoordinateMap, InputError, Reason, Rig, sealed
+from fringeworks.rig.stated_plane import MODES, StatedPlane
+from fringeworks.types import Axis, CoordinateMap, FloatMap, InputError, Reason, Rig, sealed
 
-PLANE_NUMBERS = 4
-"""a, b, c and d of a x + b y + c z = d."""
+BLOCK_ROWS = 64
+"""Rows that are computed at a time: their intermediate values are a small part of a frame."""
 
 
 def plane_coordinates(rig: Rig, plane: Sequence[float], axis: Axis = "x") -> CoordinateMap:
@@ -33,15 +33,30 @@ def plane_coordinates(rig: Rig, plane: Sequence[float], axis: Axis = "x") -> Coo
     ------
     InputError for a plane that is none, or through the camera's pupil.
     """
-    a, b, c, d = _checked(plane)
+    return surface_coordinates(StatedPlane.of(rig, plane, axis))
+
+
+def surface_coordinates(
+    stated: StatedPlane,
+    modes_mm: FloatMap | None = None,
+    covariance: FloatMap | None = None,
+) -> CoordinateMap:
+    """The same for a plane that modes displace; σ is that by their covariance, mm²."""
+    rig = stated.rig
+    modes = np.zeros(MODES) if modes_mm is None else modes_mm
     h, w = rig.camera.shape
-    rows, columns = np.indices((h, w), dtype=np.float64)
-    ray = rays(rig.camera, np.stack((columns, rows), axis=-1))
-    with np.errstate(all="ignore"):
-        depth = d / (ray @ np.array([a, b, c]))
-        points = np.where(depth[..., None] > 0, ray * depth[..., None], np.nan)
-        seen = project(rig.projector, transform(rig.T_projector_camera, points))
-    k = 0 if axis == "x" else 1
+    seen, sigma = np.empty((h, w, 2)), np.zeros((h, w))
+    for top in range(0, h, BLOCK_ROWS):
+        rows, columns = np.mgrid[top : min(top + BLOCK_ROWS, h), :w].astype(np.float64)
+        pixels = np.stack((columns.ravel(), rows.ravel()), axis=-1)
+        block = slice(top, top + BLOCK_ROWS)
+        seen[block] = stated.coordinates(pixels, modes).reshape(*rows.shape, 2)
+        if covariance is not None:
+            shapes = stated.shapes(pixels)
+            variance = np.maximum(np.einsum("ni,ij,nj->n", shapes, covariance, shapes), 0.0)
+            moved = np.abs(stated.per_mm(pixels, modes)) * np.sqrt(variance)
+            sigma[block] = moved.reshape(rows.shape)
+    k = 0 if stated.axis == "x" else 1
     size = (rig.projector.width_px, rig.projector.height_px)
     with np.errstate(invalid="ignore"):
         lit = ((seen >= -0.5) & (seen <= np.array(size) - 0.5)).all(axis=-1)
@@ -50,21 +65,10 @@ def plane_coordinates(rig: Rig, plane: Sequence[float], axis: Axis = "x") -> Coo
     unknown = sealed(np.full((h, w), np.nan))
     return CoordinateMap(
         coordinate_px=sealed(np.where(lit, seen[..., k], np.nan)),
-        sigma_px=sealed(np.where(lit, 0.0, np.nan)),
+        sigma_px=sealed(np.where(lit, sigma, np.nan)),
         modulation=unknown,
         background=unknown,
         reason=sealed(np.where(lit, Reason.OK, Reason.OUTSIDE).astype(np.uint8)),
-        axis=axis,
+        axis=stated.axis,
         periods_px=(),
     )
-
-
-def _checked(plane: Sequence[float]) -> list[float]:
-    values = [float(v) for v in plane]
-    good = len(values) == PLANE_NUMBERS and bool(np.isfinite(values).all())
-    if not good or not any(values[:3]) or values[3] == 0:
-        raise InputError(
-            "plane: expected four numbers a, b, c, d of a x + b y + c z = d that is not through "
-            f"the camera, got {list(plane)}"
-        )
-    return values

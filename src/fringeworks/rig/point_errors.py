@@ -69,16 +69,21 @@ def point_errors(rig: Rig, points_mm: FloatMap, cloud: PointCloud) -> FloatMap |
 
 
 def _structure(rig: Rig, points_mm: FloatMap, *, both: bool) -> FloatMap:
-    """Errors of points by the place in a device's frame, as independent parts, (n, 3, 10), mm.
-
-    Half of the variance is common to all points, half to the points of each of 3 × 3 parts of the
-    frame that they span: corners do not show over which distance such an error changes.
-    """
+    """Errors of points by the place in a device's frame, as independent parts, (n, 3, 10), mm."""
     pixels = project(rig.camera, points_mm)
     w = 1.0 / points_mm[:, 2]
     variance = inverse_depth_by_px(rig, pixels, w, None if both else main_axis(rig))
-    size = rig.structure_px * np.sqrt(0.5 * variance) / w
+    size = rig.structure_px * np.sqrt(variance) / w
+    return np.asarray(points_mm[:, :, None] * (size[:, None] * places_share(pixels))[:, None, :])
+
+
+def places_share(pixels: FloatMap) -> FloatMap:
+    """Parts of an error of variance 1 that depends on the place in a device's frame, (n, 10).
+
+    Half of the variance is common to all pixels, half to those of each of 3 × 3 parts of the frame
+    that they span: corners do not show over which distance such an error changes.
+    """
     low, span = pixels.min(axis=0), np.maximum(np.ptp(pixels, axis=0), 1.0)
     column, row = np.minimum((3.0 * (pixels - low) / span).astype(int), 2).T
-    share = np.column_stack((np.ones(len(w)), np.eye(9)[3 * row + column]))
-    return np.asarray(points_mm[:, :, None] * (size[:, None] * share)[:, None, :])
+    share = np.column_stack((np.ones(len(pixels)), np.eye(9)[3 * row + column]))
+    return np.asarray(np.sqrt(0.5) * share)

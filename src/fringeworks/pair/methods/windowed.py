@@ -3,19 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
+from fringeworks.pair.albedo import albedo_error
 from fringeworks.pair.bandpass import HALF_WIDTH, band_kernel
-from fringeworks.pair.edges import FitSettings, across_edges
+from fringeworks.pair.edges import Edges, FitSettings, across_edges
 from fringeworks.pair.methods.fourier import fourier
 from fringeworks.pair.orders import continues, guided_count
 from fringeworks.pair.prepared import QUANTISATION_VARIANCE, PreparedPair, fill_nearest
 from fringeworks.pair.registry import Solution, method
-from fringeworks.pair.windows import CONFIDENCE, MIN_RATIO, SCALE_LIMITS_PX, Windows
+from fringeworks.pair.still_edges import mixed_paint, still_edges
+from fringeworks.pair.windows import (
+    CONFIDENCE,
+    MIN_RATIO,
+    SCALE_LIMITS_PX,
+    Fitted,
+    Windows,
+    is_rare,
+    unexplained,
+)
 from fringeworks.signal.bands import by_bands, row_bands
-from fringeworks.signal.filters import enlarged, gaussian, reduced
+from fringeworks.signal.filters import enlarged, gaussian, reduced, smooth, smooth_known, widened
 from fringeworks.types import BoolMap, ByteMap, FloatMap, InputError, Reason, sealed
 
 MIN_START_EXPLAINED = 0.15
@@ -78,6 +90,15 @@ A window of that σ covers most of the frame. An empirical choice.
 """
 MAX_ITERATIONS = 100
 """Largest number of Gauss–Newton steps per scale that a caller may choose; it bounds the time."""
+STILL_PASSES = 6
+"""Largest number of times that pixels with other paint than their matching point are left out: each
+removes two fifths or more of what the edges have pulled the displacement by."""
+SETTLED_SIGMAS = 0.3
+"""Largest change of the start at which no further pass is needed, in the median σ: what is left to
+remove is about as much again."""
+MAX_LEFT = 0.5
+"""Largest share of the places beside still edges that stays unexplained without these pixels. Where
+the edges are not those of the object frame, most of them do."""
 MIN_ROWS = 8
 """Smallest number of rows; fewer do not determine the slope of the displacement across them."""
 MAX_GAP = 0.25
@@ -251,18 +272,17 @@ def windowed(
     -----
     In every window, minimises Σ w [d − a − b·s(x − u − u_x i − u_y j)]² over offset a, modulation
     ratio b and an affine displacement (theory §4). The waveform s is measured, so γ and any other
-    distortion common to both frames cancels. σ comes from the normal equations with the residual's
-    variance and the reference's noise. Windows end at cliffs. The iteration starts from
-    ``fourier`` or, where that is unreliable, from counted fringes (``start_field``).
+    distortion common to both frames cancels. Pixels that show other paint than their matching
+    point, beside edges that do not move, are left out (``still_edges``). σ comes from the normal
+    equations with the residual's variance and the reference's noise. Windows end at cliffs. The
+    iteration starts from ``fourier`` or, where that is unreliable, from counted fringes
+    (``start_field``).
     """
     widths = _check_options(pair, scales, iterations, confidence)
     windows = Windows.of(pair)
     start = start_field(pair, _start_width(pair, widths)).astype(np.float32)
     settings: FitSettings = {"iterations": iterations, "confidence": confidence}
-    found = windows.fit(start, widths, **settings)
-    edges = across_edges(windows, found, start, widths, paint=paint, **settings)
-    if edges is not None:
-        found = edges.fitted
+    found, edges = _fitted(pair, windows, start, widths, settings, paint)
     displacement, scale = found.displacement_px, found.scale
     albedo = None if edges is None else edges.albedo
     ratio = found.modulation_ratio
@@ -295,6 +315,76 @@ def windowed(
             "cliffs": edges is not None and edges.walls is not None,
         },
     )
+
+
+def _fitted(
+    pair: PreparedPair,
+    windows: Windows,
+    start: NDArray[np.float32],
+    widths: list[float],
+    settings: FitSettings,
+    paint: bool,
+) -> tuple[Fitted, Edges | None]:
+    """Windows that know still edges, cliffs and paint, and the latter two."""
+    plain = windows.fit(start, widths, **settings)
+    windows, found, start = _without_mixed(pair, windows, plain, start, widths, settings)
+    pulled = None if found is plain else albedo_error(plain, found, pair.period)
+    edges = across_edges(windows, found, start, widths, paint=paint, **settings)
+    if edges is not None:
+        found = edges.fitted
+    if pulled is not None:
+        found = found._replace(sigma_px=np.sqrt(found.sigma_px**2 + pulled))
+    return found, edges
+
+
+def _without_mixed(
+    pair: PreparedPair,
+    windows: Windows,
+    found: Fitted,
+    start: NDArray[np.float32],
+    widths: list[float],
+    settings: FitSettings,
+) -> tuple[Windows, Fitted, NDArray[np.float32]]:
+    """Windows that leave out pixels which show other paint than their matching point, where that
+    explains what the others do not; the displacement that they start from, too."""
+    poor = unexplained(found.misfit, windows.object_noise)
+    if is_rare(poor):
+        return windows, found, start
+    edges = still_edges(pair)
+    poor &= widened(edges, round(0.5 * pair.period))
+    if is_rare(poor):
+        return windows, found, start
+    again, there, begin = windows, found, start
+    reach, known = _start_width(pair, widths), ~widened(edges, round(0.5 * pair.period))
+    for _ in range(STILL_PASSES):
+        u = there.displacement_px
+        last = begin
+        begin = _gaussian(_continued(u, known & np.isfinite(u), begin, reach), reach)
+        determined = there.sigma_px[np.isfinite(u)]
+        if not determined.size:
+            return windows, found, start
+        settled = SETTLED_SIGMAS * float(np.median(determined))
+        if known.all() and float(np.abs(begin - last).max()) < settled:
+            break
+        mixed = mixed_paint(edges, begin)
+        again = replace(windows, object_ok=np.where(mixed, np.uint8(0), windows.object_ok))
+        there = again.fit(begin, widths, **settings)
+        known = np.ones(u.shape, bool)
+    left = poor & unexplained(there.misfit, windows.object_noise)
+    if np.count_nonzero(left) > MAX_LEFT * np.count_nonzero(poor):
+        return windows, found, start
+    return again, there, begin
+
+
+def _continued(
+    u: NDArray[np.float32], known: BoolMap, start: NDArray[np.float32], width_px: float
+) -> NDArray[np.float32]:
+    """The displacement where it is known, and its local mean from there elsewhere, px."""
+    if not known.any():
+        return start
+    mean = smooth_known(np.where(known, u, 0.0).astype(np.float64), known, (width_px, width_px))
+    near = smooth(known.astype(np.float64), (width_px, width_px)) > MIN_SHARE_COUNTED
+    return np.where(known, u, fill_nearest(mean, near)).astype(np.float32)
 
 
 def _steps(displacement_px: FloatMap, scale: ByteMap, scales: int, iterations: int) -> ByteMap:

@@ -1,0 +1,164 @@
+"""Fringe orders of two frames: what a range of depths, and the shadows, tell of them.
+
+Two frames cannot distinguish steps that differ by a whole fringe period. A range of depths excludes
+orders, and the width of a shadow is the displacement of the step that casts it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fringeworks.pair.plane_evidence import TINY_PERIODS
+from fringeworks.pair.prepared import PreparedPair
+from fringeworks.pair.reference_phase import REJECTED_MADS, phase_nodes
+from fringeworks.rig.depth_range import DepthRange
+from fringeworks.types import (
+    BoolMap,
+    CoordinateMap,
+    DisplacementMap,
+    FloatMap,
+    Frozen,
+    Reason,
+    sealed,
+)
+
+MIN_SHADOW = 0.6
+"""Shortest shadow that is compared, periods: a step of a whole period casts a longer one, and the
+dark part of a fringe is shorter (0.4 periods with a response of γ = 2.2, see ``DARK``)."""
+DARK = 0.1
+"""Largest brightness in a shadow, as a share of that of the fringes around it, from their darkest
+to their brightest. A sinusoidal fringe is that dark over a fifth of its period."""
+SURROUNDINGS = 3.0
+"""Distance up to which the fringes around a pixel are looked at, periods: shadows up to twice as
+wide have lit fringes on one side at least."""
+AWAY = 0.5
+"""Distance from the ends of a shadow at which the displacement is read, periods: filters and
+windows mix what is closer."""
+SHADOW_TOLERANCE = 0.3
+"""Largest deviation of a shadow from whole periods more than the step, periods: a filter sees both
+of its ends to a few px only. An empirical choice."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OrderCheck(Frozen):
+    """What a range of depths says of the fringe orders."""
+
+    moved: BoolMap
+    """Pixels that were moved by whole periods, (h, w)."""
+    lost: BoolMap
+    """Pixels without an order in the range, or with several of which theirs is none, (h, w)."""
+    open: BoolMap
+    """Pixels for which the range holds further orders, (h, w): theirs continues the rim's."""
+
+
+def projector_period(prepared: PreparedPair, known: CoordinateMap) -> float | None:
+    """Period of the reference's fringes in the projector, px; None where it cannot be measured.
+
+    The phase of nodes is compared with the coordinates of the plane, by a line, twice.
+    """
+    nodes = phase_nodes(prepared)
+    if nodes is None:
+        return None
+    fx, fy = prepared.frequency
+    phase = fx * nodes.columns + fy * nodes.rows + nodes.beyond_rad / (2.0 * np.pi)
+    turned = known.coordinate_px if prepared.carrier.axis == "x" else known.coordinate_px.T
+    rows, columns = (np.rint(v).astype(np.intp) for v in (nodes.rows, nodes.columns))
+    q = np.asarray(turned[rows, columns], np.float64)
+    keep = np.isfinite(q)
+    for _ in range(2):
+        if np.count_nonzero(keep) < 2:
+            return None
+        line = np.polynomial.Polynomial.fit(q[keep], phase[keep], 1).convert()
+        left = np.abs(phase - line(q))
+        keep = left <= REJECTED_MADS * max(float(np.median(left[keep])), TINY_PERIODS)
+    return float(abs(1.0 / line.coef[1]))
+
+
+def orders_in_range(
+    found: CoordinateMap, depth: DepthRange, period_px: float
+) -> tuple[CoordinateMap, OrderCheck]:
+    """Correct fringe orders that lead out of a range of depths.
+
+    Parameters
+    ----------
+    found : CoordinateMap
+        Coordinates of the object.
+    depth : DepthRange
+    period_px : float
+        Period of the fringes in the projector, px.
+
+    Returns
+    -------
+    The coordinates, moved by whole periods where exactly one order leads into the range; NaN
+    (``OUTSIDE_DEPTH``) where none does, or where most of the scene would have to be moved, and
+    (``ORDER_AMBIGUOUS``) where others than the pixel's own do. And what was done.
+    """
+    fewest, most = depth.orders(found, period_px)
+    with np.errstate(invalid="ignore"):
+        measured = np.isfinite(found.coordinate_px)
+        none = measured & ~(fewest <= most)
+        own = measured & (fewest <= 0) & (most >= 0)
+        moved = measured & ~own & (fewest == most)
+        several = measured & ~own & (fewest < most)
+    if np.count_nonzero(moved) > np.count_nonzero(own):
+        # The range holds less than half of the scene: it is wrong, and so is what fits by chance.
+        none, moved = none | moved, np.zeros_like(moved)
+    reason = found.reason.copy()
+    reason[none], reason[several] = Reason.OUTSIDE_DEPTH, Reason.ORDER_AMBIGUOUS
+    lost = none | several
+    x = found.coordinate_px + np.where(moved, period_px * np.nan_to_num(fewest), 0.0)
+    corrected = replace(
+        found,
+        coordinate_px=sealed(np.where(lost, np.nan, x)),
+        sigma_px=sealed(np.where(lost, np.nan, found.sigma_px)),
+        reason=sealed(reason),
+    )
+    return corrected, OrderCheck(moved, lost, own & (fewest < most))
+
+
+def shadows_without_step(prepared: PreparedPair, found: DisplacementMap) -> BoolMap:
+    """Find shadows that are wider by whole periods than the steps beside them.
+
+    Parameters
+    ----------
+    prepared : PreparedPair
+    found : DisplacementMap
+        Of that pair.
+
+    Returns
+    -------
+    (h, w) bool array: the pixels without fringes in such shadows.
+
+    Notes
+    -----
+    The ray that grazes a step lights both ends a and b of its shadow, so that a − u(a) = b − u(b).
+    """
+    turn, period = prepared.to_capture, found.period_px
+    u = turn(found.displacement_px)
+    away = max(1, round(AWAY * period))
+    marked = np.zeros(u.shape, bool)
+    painted = _dark(prepared.reference, prepared.period)
+    for row, dark in enumerate(_dark(prepared.object, prepared.period)):
+        ends = np.flatnonzero(np.diff(np.concatenate(([0], dark, [0]))))
+        for first, last in ends.reshape(-1, 2):  # the last is the first pixel beyond
+            before, beyond = first - away, last - 1 + away
+            if last - first < MIN_SHADOW * period or before < 0 or beyond >= u.shape[1]:
+                continue
+            if painted[row, first:last].mean() > 0.5:
+                continue  # it is as dark on the reference: paint, or a hole
+            more = (last - first - (u[row, beyond] - u[row, before])) / period
+            if abs(more) > 0.5 and abs(more - np.round(more)) < SHADOW_TOLERANCE:
+                marked[row, first:last] = True
+    return turn(marked)
+
+
+def _dark(frame: FloatMap, period_px: float) -> NDArray[np.int8]:
+    """1 where a frame is about as dark as its darkest pixel nearby, (h, w)."""
+    size = (1, 2 * round(SURROUNDINGS * period_px) + 1)
+    low = scipy.ndimage.minimum_filter(frame, size)
+    high = scipy.ndimage.maximum_filter(frame, size)
+    return np.asarray(frame < low + DARK * (high - low), np.int8)

@@ -16,7 +16,7 @@ from fringeworks.files.rig import format_rig, read_rig, write_rig
 from fringeworks.rig.point_findings import unit_findings
 from fringeworks.rig.triangulate import triangulate
 from fringeworks.surface.cloud import cloud_triangles
-from fringeworks.types import Pixels, Region
+from fringeworks.types import Pixels, Region, RigMismatch
 from tests.rigs import calibrated, rig, scene
 
 
@@ -325,3 +325,21 @@ def test_nothing_is_not_written(tmp_path):
     with pytest.raises(InputError, match="expected one of"):
         write_points(tmp_path / "p.obj", written)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_lens_that_folds_the_image_is_refused(tmp_path):
+    """A calibration that failed: no lens folds the image around its middle."""
+    known = rig()
+    failed = replace(known.projector, distortion=(27.6, -2344.0, 7.97, 10.36, 0.0))
+    for path in (tmp_path / "rig.toml", tmp_path / "rig.yml"):
+        write_rig(path, replace(known, projector=failed))
+        with pytest.raises(RigMismatch, match=r"projector: its lens .* folds the image \d+ px"):
+            read_rig(path)
+    # A wide angle, and a polynomial that turns round in the corners only, where no point lay.
+    corner = float(np.hypot(*known.camera.shape[::-1]) / 2 / known.camera.focal_px[0])
+    for distortion in ((-0.3, 0.1, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, -0.17 / corner**6)):
+        write_rig(
+            tmp_path / "rig.toml",
+            replace(known, camera=replace(known.camera, distortion=distortion)),
+        )
+        assert read_rig(tmp_path / "rig.toml").camera.distortion == distortion

@@ -17,6 +17,7 @@ from fringeworks.files.formats import FORMATS, OPENCV_SUFFIXES
 from fringeworks.files.limits import MAX_DESCRIPTION_BYTES, existing_file, parsing, read_content
 from fringeworks.files.provenance import ProvenanceSection, toml_section
 from fringeworks.files.toml import Section, Size, read_toml
+from fringeworks.rig.pinhole import check_lens
 from fringeworks.types import (
     RIG_PARAMETERS,
     CameraBlur,
@@ -154,6 +155,7 @@ def read_rig(
             ("camera", rig.camera, camera_size),
             ("projector", rig.projector, projector_size),
         ):
+            check_lens(device, name)
             if given not in (None, (device.width_px, device.height_px)):
                 raise InputError(
                     f"{name}_size: expected {device.width_px} × {device.height_px} as the file "

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fringeworks.types import FloatMap, InputError, Pinhole
+from fringeworks.types import FloatMap, InputError, Pinhole, RigMismatch
 
 MAX_NEWTON_STEPS = 12
 """Largest number of Newton steps for undoing lens distortion. Newton's method doubles the correct
@@ -19,6 +19,8 @@ focal length of 10 000 px that is 1e-7 px: far below any measurement, far above 
 INVERTED = 1e-9
 """Largest remaining error of an undistorted point, in normalised image coordinates. A point with a
 larger one has no inverse. Looser than ``CONVERGED``, so that rounding never removes a point."""
+LENS_GRID = 33
+"""Pixels along each side of a frame of which the rays are looked at: a fold is wider than 3 %."""
 MIN_SIGHT_SINE = 1e-9
 """Smallest sine of the angle between the direction of sight and ``down``. Below it, rounding would
 determine the direction of the rows."""
@@ -215,6 +217,33 @@ def rays(device: Pinhole, pixels: FloatMap) -> FloatMap:
     distorted = (np.asarray(pixels, np.float64) - device.principal_px) / device.focal_px
     ideal = undistort(distorted, np.asarray(device.distortion))
     return np.concatenate((ideal, np.ones((*ideal.shape[:-1], 1))), axis=-1)
+
+
+def check_lens(device: Pinhole, name: str) -> None:
+    """Refuse a lens distortion that folds the image around the middle of the frame.
+
+    No lens does so there. In the corners, where few points of a calibration lie, its polynomial may.
+
+    Parameters
+    ----------
+    device : Pinhole
+    name : str
+        What the message calls the device.
+
+    Raises
+    ------
+    RigMismatch for pixels without a ray in the circle that touches the longer sides of the frame.
+    """
+    h, w = device.shape
+    at = np.stack(np.meshgrid(*(np.linspace(0.0, n - 1.0, LENS_GRID) for n in (w, h))), axis=-1)
+    apart = np.hypot(at[..., 0] - 0.5 * (w - 1), at[..., 1] - 0.5 * (h - 1))
+    folded = np.isnan(rays(device, at)[..., 0]) & (apart <= 0.5 * min(h, w))
+    if folded.any():
+        told = ", ".join(f"{k:g}" for k in device.distortion)
+        raise RigMismatch(
+            f"{name}: its lens distortion {told} folds the image {apart[folded].min():.0f} px from "
+            "the middle of the frame, as no lens does; the calibration has failed"
+        )
 
 
 def rotation(vector: FloatMap) -> FloatMap:

@@ -222,7 +222,7 @@ def rays(device: Pinhole, pixels: FloatMap) -> FloatMap:
 def check_lens(device: Pinhole, name: str) -> None:
     """Refuse a lens distortion that folds the image around the middle of the frame.
 
-    No lens does so there. In the corners, where few points of a calibration lie, its polynomial may.
+    No lens does so there. In the corners, where few points of a calibration lie, a polynomial may.
 
     Parameters
     ----------

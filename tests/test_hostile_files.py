@@ -266,7 +266,7 @@ def test_captures_stay_in_their_folder(tmp_path):
 def test_files_of_unreliable_kinds_print_nothing(tmp_path, capfd):
     (tmp_path / "empty.xyz").write_text("# nothing\n")
     refused(fw.files.read_points, tmp_path / "empty.xyz", "expected")
-    with pytest.raises(FileProblem, match="PNG, JPEG or BMP"):
+    with pytest.raises(FileProblem, match="PNG, JPEG, BMP, WebP, PGM or PPM"):
         (tmp_path / "a.png").write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0\n")
         fw.files.read_frame(tmp_path / "a.png")
     assert capfd.readouterr() == ("", "")

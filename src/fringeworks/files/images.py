@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import struct
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -24,12 +25,13 @@ from fringeworks.files.limits import (
     parsing,
     read_content,
 )
+from fringeworks.files.photographs import PHOTOGRAPH_SUFFIXES, read_photograph
 from fringeworks.types import BoolMap, FileProblem, FramesContradictPlan, Frozen, InputError, sealed
 
 LUMINANCE = (0.299, 0.587, 0.114)
 """Weights of red, green and blue in a grey value (ITU-R BT.601)."""
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
-"""Images that Pillow reads."""
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".pgm", ".ppm")
+"""Images that are read without a further package."""
 TIFF_SUFFIXES = (".tif", ".tiff")
 """Images and stacks that tifffile reads."""
 PNG_LEVEL = 4
@@ -37,8 +39,19 @@ PNG_LEVEL = 4
 the usual 6, and are 0.5 % larger."""
 CHANNELS = "rgb"
 """Letters of the channels of a colour image, in its order."""
-MAGIC = {b"\x89PNG\r\n\x1a\n": "PNG", b"\xff\xd8\xff": "JPEG", b"BM": "BMP"}
-"""Pillow's names of the kinds that are read, by their first bytes."""
+MAGIC = {
+    b"\x89PNG\r\n\x1a\n": "PNG",
+    b"\xff\xd8\xff": "JPEG",
+    b"BM": "BMP",
+    b"RIFF": "WEBP",
+    b"P5": "PNM",
+    b"P6": "PNM",
+}
+"""Names of the kinds that are read, Pillow's where it reads them, by their first bytes."""
+WEBP_PARTS = 12
+"""Place of the first part of a WebP file: each has a name of four letters and a size."""
+PNM_HEAD = re.compile(rb"P[56]" + rb"(?:\s+(?:#[^\n]*\n\s*)*(\d{1,9}))" * 3 + rb"\s")
+"""Head of a binary PGM or PPM: columns, rows and the largest count, with comments between."""
 IHDR_SIZE = slice(16, 24)
 """Place of width and height in a PNG: its first chunk begins with them."""
 SCAN = b"\xff\xda"
@@ -202,8 +215,12 @@ def _read(path: Path, channels: str) -> list[_Image]:
         array, lossy = read_tiff(path)
     elif suffix in IMAGE_SUFFIXES:
         array, lossy = _read_image(path)
+    elif suffix in PHOTOGRAPH_SUFFIXES:
+        content = read_content(path, "a photograph")
+        with parsing(path, "a readable photograph"):
+            array, lossy = read_photograph(content, suffix)
     else:
-        known = ", ".join(IMAGE_SUFFIXES + TIFF_SUFFIXES)
+        known = ", ".join(IMAGE_SUFFIXES + TIFF_SUFFIXES + PHOTOGRAPH_SUFFIXES)
         raise FileProblem(f"{path}: expected an image ({known}), got {suffix or 'no suffix'}")
     if array.dtype == bool:
         array = array.astype(np.uint8) * np.uint8(255)
@@ -241,7 +258,11 @@ def _decoded(content: bytes) -> tuple[NDArray[Any], bool]:
     """Decode an image of a known kind; its size is known before its pixels are unpacked."""
     kind = next((name for magic, name in MAGIC.items() if content.startswith(magic)), None)
     if kind is None:
-        raise FileProblem("expected a readable image (PNG, JPEG or BMP), got something else")
+        raise FileProblem(
+            "expected a readable image (PNG, JPEG, BMP, WebP, PGM or PPM), got something else"
+        )
+    if kind == "PNM":
+        return _pnm(content), False
     if kind == "PNG" and content[24:25] == b"\x10" and content[25] & 2:
         raise FileProblem(
             "expected 8 bits per colour or a grey PNG, got 16-bit colour (its lower bits would be "
@@ -257,13 +278,48 @@ def _decoded(content: bytes) -> tuple[NDArray[Any], bool]:
 
     # The class of this kind itself: Image.open would try all of some forty kinds.
     Image.preinit()
+    if kind == "WEBP":
+        from PIL import WebPImagePlugin  # noqa: F401  (the usual kinds do not include it)
+    lossy = kind == "JPEG" or (kind == "WEBP" and _lossy_webp(content))
     with Image.OPEN[kind][0](BytesIO(content), "") as image:
         _check_size(*image.size)
+        several = int(getattr(image, "n_frames", 1))
+        if several > 1:
+            raise FileProblem(f"expected one image, got {several} in one file")
         if image.mode in ("P", "CMYK", "YCbCr", "LAB", "HSV"):
-            return np.asarray(image.convert("RGB")), kind == "JPEG"
+            return np.asarray(image.convert("RGB")), lossy
         if image.mode == "1":
-            return np.asarray(image.convert("L")), kind == "JPEG"
-        return np.asarray(image), kind == "JPEG"
+            return np.asarray(image.convert("L")), lossy
+        return np.asarray(image), lossy
+
+
+def _lossy_webp(content: bytes) -> bool:
+    """Whether a WebP file is lossily compressed: its picture is a part VP8L otherwise."""
+    at = WEBP_PARTS
+    while at + 8 <= len(content):
+        name, size = content[at : at + 4], int.from_bytes(content[at + 4 : at + 8], "little")
+        if name in (b"VP8 ", b"VP8L"):
+            return name == b"VP8 "
+        at += 8 + size + size % 2
+    return True
+
+
+def _pnm(content: bytes) -> NDArray[Any]:
+    """Decode a binary PGM (h, w) or PPM (h, w, 3), with counts as they are stored."""
+    head = PNM_HEAD.match(content)
+    if head is None:
+        raise FileProblem("expected the head of a binary PGM or PPM, got something else")
+    width, height, largest = (int(number) for number in head.groups())
+    if not 0 < largest <= 65535:
+        raise FileProblem(f"expected a largest count of 1 to 65535, got {largest}")
+    _check_size(width, height)
+    kind = np.dtype(">u2" if largest > 255 else np.uint8)
+    channels = 1 if content.startswith(b"P5") else 3
+    count = width * height * channels
+    if len(content) - head.end() < count * kind.itemsize:
+        raise FileProblem("expected a whole image, got a part of it")
+    values = np.frombuffer(content, kind, count, head.end()).astype(kind.newbyteorder("="))
+    return values.reshape((height, width) if channels == 1 else (height, width, channels))
 
 
 def _grey_png(content: bytes) -> NDArray[Any] | None:

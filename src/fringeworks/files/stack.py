@@ -28,6 +28,7 @@ from fringeworks.files.images import (
 from fringeworks.files.limits import existing_file, inside, is_file, is_folder, parsing, told
 from fringeworks.files.npz import read_npz
 from fringeworks.files.pair import CAPTURE_FILE, missing_description
+from fringeworks.files.photographs import PHOTOGRAPH_SUFFIXES
 from fringeworks.files.plan import PLAN_FILE, read_plan
 from fringeworks.files.provenance import source_of
 from fringeworks.files.toml import kind_of, read_toml
@@ -301,11 +302,11 @@ def captures_in(folder: Path) -> str:
 def images_of(folder: Path) -> list[Path]:
     """Images of a folder by name, numbers by their value."""
     suffixes = IMAGE_SUFFIXES + TIFF_SUFFIXES
-    found = [
-        p
-        for p in folder.iterdir()
-        # Names that begin with a dot are unfinished files, and thumbnails of other programs.
-        if p.suffix.lower() in suffixes and is_file(p) and not p.name.startswith(".")
+    # Names that begin with a dot are unfinished files, and thumbnails of other programs.
+    files = [p for p in folder.iterdir() if is_file(p) and not p.name.startswith(".")]
+    # Cameras write a JPEG beside each raw file.
+    found = [p for p in files if p.suffix.lower() in suffixes] or [
+        p for p in files if p.suffix.lower() in PHOTOGRAPH_SUFFIXES
     ]
     if not found:
         kinds = Counter(p.suffix.lower() for p in folder.iterdir() if is_file(p) and p.suffix)

@@ -1,0 +1,131 @@
+"""Frames as WebP, PGM and PPM, and as raw files and HEIF where their packages are installed."""
+
+import sys
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import fringeworks as fw
+from fringeworks.files.images import read_frame, read_frames
+
+GREY = (np.arange(20 * 24).reshape(20, 24) % 251).astype(np.uint8)
+
+
+@pytest.mark.parametrize("lossless", [True, False])
+def test_webp(tmp_path, lossless):
+    path = tmp_path / "a.webp"
+    Image.fromarray(GREY).save(path, lossless=lossless)
+    found = read_frames([path], stack=True)
+    assert found.lossy is not lossless
+    assert np.abs(found.frames[0].astype(int) - GREY).max() <= (0 if lossless else 60)
+
+
+def test_a_webp_with_metadata_is_still_lossless(tmp_path):
+    path = tmp_path / "a.webp"
+    Image.fromarray(GREY).save(path, lossless=True, icc_profile=b"x" * 33)
+    assert not read_frames([path], stack=True).lossy
+
+
+def test_moving_pictures_are_refused(tmp_path):
+    path = tmp_path / "a.webp"
+    Image.fromarray(GREY).save(path, save_all=True, append_images=[Image.fromarray(255 - GREY)])
+    with pytest.raises(fw.FileProblem, match="expected one image, got 2 in one file"):
+        read_frame(path)
+
+
+@pytest.mark.parametrize("largest", [255, 4095, 65535])
+@pytest.mark.parametrize("colour", [False, True])
+def test_pgm_and_ppm_keep_their_counts(tmp_path, largest, colour):
+    """Pillow would stretch 12 bits to 16."""
+    kind = np.dtype(np.uint8 if largest < 256 else ">u2")
+    counts = (np.linspace(0, largest, GREY.size).reshape(GREY.shape)).astype(kind)
+    stored = np.stack((counts,) * 3, axis=-1).astype(kind) if colour else counts
+    path = tmp_path / ("a.ppm" if colour else "a.pgm")
+    head = f"P{6 if colour else 5}\n# a camera's comment\n24 20\n{largest}\n"
+    path.write_bytes(head.encode() + stored.tobytes())
+    frame, _ = read_frame(path)
+    assert frame.dtype == kind.newbyteorder("=")
+    assert np.array_equal(frame, counts)
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(fw.FileProblem, match="expected a whole image, got a part"):
+        read_frame(path)
+
+
+@pytest.mark.parametrize(
+    ("head", "message"),
+    [
+        (b"P5\n24 20\n70000\n", "a largest count of 1 to 65535, got 70000"),
+        (b"P5\n24\n", "the head of a binary PGM"),
+        (b"P2\n24 20\n255\n", "expected a readable image"),
+        (b"P5\n999999 999999\n255\n", "px"),
+    ],
+)
+def test_damaged_pgm_is_refused(tmp_path, head, message):
+    path = tmp_path / "a.pgm"
+    path.write_bytes(head + bytes(100))
+    with pytest.raises(fw.FileProblem, match=message):
+        read_frame(path)
+
+
+def plan_of(frames):
+    steps = fw.patterns.PhaseSteps("x", 64.0, fw.patterns.equal_steps(frames))
+    return fw.PatternPlan(64, 48, (steps,))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "package"), [(".CR2", "rawpy"), (".nef", "rawpy"), (".heic", "pillow-heif")]
+)
+def test_a_missing_package_is_named(tmp_path, monkeypatch, suffix, package):
+    monkeypatch.setitem(sys.modules, package.replace("-", "_"), None)
+    for k in range(3):
+        (tmp_path / f"{k}{suffix}").write_bytes(b"x" * 100)
+    with pytest.raises(fw.MissingPackage, match=f"pip install {package}, or convert"):
+        fw.files.read_stack(tmp_path, plan_of(3))
+
+
+def raw_package(calls):
+    """What rawpy does with frames of a sensor: here, an array in the file."""
+
+    class Raw:
+        sizes = SimpleNamespace(width=24, height=20)
+
+        def __init__(self, file):
+            self.counts = np.frombuffer(file.read(), np.uint16).reshape(20, 24)
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def postprocess(self, **options):
+            calls.append(options)
+            return np.stack((self.counts,) * 3, axis=-1)
+
+    package = ModuleType("rawpy")
+    package.imread = Raw
+    package.DemosaicAlgorithm = SimpleNamespace(LINEAR="linear")
+    package.ColorSpace = SimpleNamespace(raw="raw")
+    return package
+
+
+def test_raw_files_are_read_in_proportion_to_the_light(tmp_path, monkeypatch):
+    calls = []
+    monkeypatch.setitem(sys.modules, "rawpy", raw_package(calls))
+    for k in range(3):
+        (tmp_path / f"{k}.dng").write_bytes((GREY.astype(np.uint16) + 1000 * k).tobytes())
+    stack = fw.files.read_stack(tmp_path, plan_of(3))
+    assert [int(f[0, 0]) for f in stack.frames] == [0, 1000, 2000]
+    assert not stack.lossy
+    # Each frame has the scale of the sensor: no gamma, no balance, no brightest pixel of its own.
+    assert all(c["gamma"] == (1, 1) and c["no_auto_bright"] for c in calls)
+    assert all(c["user_wb"] == [1.0] * 4 and c["adjust_maximum_thr"] == 0.0 for c in calls)
+
+
+def test_the_jpeg_beside_a_raw_file_is_no_frame_of_its_own(tmp_path):
+    for k in range(3):
+        Image.fromarray(GREY).save(tmp_path / f"{k}.jpg")
+        (tmp_path / f"{k}.cr2").write_bytes(b"x")
+    assert len(fw.files.read_stack(tmp_path, plan_of(3)).frames) == 3

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import re
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +27,15 @@ from fringeworks.files.limits import (
     read_content,
 )
 from fringeworks.files.photographs import PHOTOGRAPH_SUFFIXES, read_photograph
-from fringeworks.types import BoolMap, FileProblem, FramesContradictPlan, Frozen, InputError, sealed
+from fringeworks.types import (
+    BoolMap,
+    FileProblem,
+    FloatMap,
+    FramesContradictPlan,
+    Frozen,
+    InputError,
+    sealed,
+)
 
 LUMINANCE = (0.299, 0.587, 0.114)
 """Weights of red, green and blue in a grey value (ITU-R BT.601)."""
@@ -106,6 +115,50 @@ class ReadFrames(Frozen):
     """Whether a file is lossily compressed, such as a JPEG."""
     saturation: float | None
     """Largest count of the files' type, where frames were converted from it to luminance."""
+    colour: FloatMap | None = None
+    """Weighted mean of the images in red, green and blue, (h, w, 3), counts; None where no weights
+    were given, or no image is coloured."""
+
+
+class _Colours:
+    """Adds up coloured images while they are read, so that few at a time are in memory.
+
+    They are added in the order of their numbers, whichever is read first: equal files give equal
+    sums to the last bit.
+    """
+
+    def __init__(self, weights: Mapping[int, float]) -> None:
+        self._weights = weights
+        self._left = sorted(weights, reverse=True)
+        self._waiting: dict[int, NDArray[Any]] = {}
+        self._lock = Lock()
+        self._sum: NDArray[np.float32] | None = None
+        self._coloured = False
+
+    def add(self, number: int, array: NDArray[Any], *, coloured: bool) -> None:
+        """Take an image of (h, w, 3) or (h, w, 4), where its number has a weight."""
+        if number not in self._weights or array.ndim != 3 or array.shape[2] < len(CHANNELS):
+            return
+        with self._lock:
+            self._coloured |= coloured
+            self._waiting[number] = array[..., : len(CHANNELS)]
+            while self._left and self._left[-1] in self._waiting:
+                following = self._left.pop()
+                weighted = self._waiting.pop(following) * np.float32(self._weights[following])
+                if self._sum is None:
+                    self._sum = weighted
+                elif self._sum.shape == weighted.shape:
+                    self._sum += weighted
+                else:
+                    self._left = [following]  # never complete; the sizes are refused elsewhere
+                    return
+
+    def mean(self) -> FloatMap | None:
+        """The mean, where all images with a weight have come; None where they are grey."""
+        if self._sum is None or not self._coloured or self._left:
+            return None
+        total = np.float32(sum(self._weights.values()))
+        return np.asarray(np.maximum(self._sum / total, 0.0), np.float32)
 
 
 def read_frame(path: StrPath) -> tuple[NDArray[Any], tuple[str, ...]]:
@@ -141,7 +194,13 @@ def checked_channels(channels: str | None) -> str:
     return channels
 
 
-def read_frames(paths: Sequence[Path], *, stack: bool, channels: str = "") -> ReadFrames:
+def read_frames(
+    paths: Sequence[Path],
+    *,
+    stack: bool,
+    channels: str = "",
+    weights: Mapping[int, float] | None = None,
+) -> ReadFrames:
     """Read images that belong together as grey frames.
 
     If one image is coloured, all become luminance (BT.601), float32, also those without colour.
@@ -155,6 +214,8 @@ def read_frames(paths: Sequence[Path], *, stack: bool, channels: str = "") -> Re
         and other channels does not show that it is saturated.
     channels : str
         Channels of colour images that are a frame each, as "g" or "rgb"; empty for luminance.
+    weights : mapping, optional
+        Weights of the images, by their numbers, whose mean is the colour of the scene.
 
     Returns
     -------
@@ -165,7 +226,8 @@ def read_frames(paths: Sequence[Path], *, stack: bool, channels: str = "") -> Re
     FramesContradictPlan where a frame of a stack has another depth than the first, naming both
     files; FileProblem as ``read_frame``.
     """
-    images = _read_all(paths, channels)
+    colours = _Colours(weights or {})
+    images = _read_all(paths, channels, colours)
     for image in images:
         if stack and image.kind != images[0].kind:
             raise FramesContradictPlan(
@@ -182,6 +244,7 @@ def read_frames(paths: Sequence[Path], *, stack: bool, channels: str = "") -> Re
         1.0 if whole else None,
         any(image.lossy for image in images),
         float(np.iinfo(images[0].kind).max) if stack and converted and whole else None,
+        colours.mean(),
     )
 
 
@@ -193,17 +256,22 @@ def _as_luminance(image: _Image, *, mark_clipped: bool) -> _Image:
     return image._replace(grey=grey, coloured=True)
 
 
-def _read_all(paths: Sequence[Path], channels: str) -> list[_Image]:
+def _read_all(paths: Sequence[Path], channels: str, colours: _Colours) -> list[_Image]:
     """Read images on all processors: decoding leaves the interpreter to others for a part of its
     time."""
     # Limits on files belong to the context of the caller.
     contexts = [copy_context() for _ in paths]
+
+    def read(number: int) -> list[_Image]:
+        return contexts[number].run(_read, paths[number], channels, number, colours)
+
     with ThreadPoolExecutor(max(1, min(len(paths), os.cpu_count() or 1))) as pool:
-        each = pool.map(lambda context, path: context.run(_read, path, channels), contexts, paths)
-        return [image for images in each for image in images]
+        return [image for images in pool.map(read, range(len(paths))) for image in images]
 
 
-def _read(path: Path, channels: str) -> list[_Image]:
+def _read(
+    path: Path, channels: str, number: int = 0, colours: _Colours | None = None
+) -> list[_Image]:
     """The frames of an image file: one for each of the channels, or its grey one."""
     path = existing_file(path, "an image file")
     if path.stat().st_size == 0:
@@ -229,11 +297,16 @@ def _read(path: Path, channels: str) -> list[_Image]:
             raise FileProblem(f"expected counts, got {array.dtype}")
         array = array.astype(array.dtype.newbyteorder("="), copy=False)
         if not channels:
-            return [_to_grey(path, array, lossy)]
+            grey = _to_grey(path, array, lossy)
+            if colours is not None:
+                colours.add(number, array, coloured=grey.coloured)
+            return [grey]
         if array.ndim != 3 or array.shape[2] < len(CHANNELS):
             raise FileProblem(
                 f"expected a colour image for its channels {channels}, got a grey one"
             )
+        if colours is not None:
+            colours.add(number, array, coloured=True)
         parts = [np.ascontiguousarray(array[..., CHANNELS.index(letter)]) for letter in channels]
         return [
             _Image(path, part, array.dtype, array.shape[2], False, lossy, channel=letter)

@@ -33,6 +33,7 @@ from fringeworks.files.plan import PLAN_FILE, read_plan
 from fringeworks.files.provenance import source_of
 from fringeworks.files.toml import kind_of, read_toml
 from fringeworks.patterns.plan import PatternPlan
+from fringeworks.stack.even_light import texture_weights
 from fringeworks.stack.frames import Stack, step_of
 from fringeworks.types import NUMBERS, FileProblem, FramesContradictPlan, Region, sealed
 
@@ -218,6 +219,7 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
         notes: list[str] = []
         frames, lossy = _read_file(paths[0], channels)
         step = step_of(frames[0].dtype) if frames else None
+        colour = None
     else:
         listed = content.frames is not None
         given = [inside(folder, n) for n in content.frames or ()] if listed else images_of(folder)
@@ -226,8 +228,10 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
             paths, notes = given, []
         else:
             paths, notes = in_plan_order(given, layout, folder, listed=listed)
-        read = read_frames(paths, stack=True, channels=channels)
-        frames, step, lossy = read.frames, read.count_step, read.lossy
+        # Where an image holds several frames, each channel has a pattern of its own.
+        shown = texture_weights(layout) if len(channels) <= 1 else {}
+        read = read_frames(paths, stack=True, channels=channels, weights=shown)
+        frames, step, lossy, colour = read.frames, read.count_step, read.lossy, read.colour
         saturation = saturation or read.saturation
         notes += _first_of(read.notes)
     tomls = [description] if described else []
@@ -243,6 +247,7 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
         step,
         lossy,
         _region_of(content, frames),
+        colour,
     )
 
 

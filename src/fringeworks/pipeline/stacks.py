@@ -162,9 +162,12 @@ def removed_blur(found: Decoded, axis: Axis | None) -> float:
 
 
 def scene_brightness(stacks: Sequence[Stack], found: Decoded) -> FloatMap | None:
-    """Brightness of the scene, (h, w), counts; None where the plan does not show it."""
+    """Brightness (h, w) or colour (h, w, 3) of the scene, counts; None where the plan does not show
+    it."""
     if len(stacks) > 1:
         return next(iter(found.maps.values())).background
+    if stacks[0].colour is not None:
+        return sealed(stacks[0].colour)
     try:
         return sealed(texture(stacks[0].frames, stacks[0].plan))
     except InputError:

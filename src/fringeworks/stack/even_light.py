@@ -45,9 +45,7 @@ def texture(
         a Gray code with several levels of brightness only.
     """
     planes = check_frames(frames, plan)
-    weights = {k: 1.0 for first, block in plan.placed for k in _even(first, block)}
-    if not weights:
-        weights = _background_weights(plan)
+    weights = texture_weights(plan)
     if not weights:
         lit = light_of_bits(planes, plan)
         if lit is None:
@@ -60,6 +58,12 @@ def texture(
     for k, weight in weights.items():
         total += planes[k] if weight == 1.0 else np.float32(weight) * planes[k]
     return np.asarray(total / sum(weights.values()), np.float32)
+
+
+def texture_weights(plan: PatternPlan) -> dict[int, float]:
+    """Weights of the frames whose mean shows the scene under even light; empty where none do so."""
+    weights = {k: 1.0 for first, block in plan.placed for k in _even(first, block)}
+    return weights or _background_weights(plan)
 
 
 def _background_weights(plan: PatternPlan) -> dict[int, float]:

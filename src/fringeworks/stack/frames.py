@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
 from fringeworks.signal.bands import row_bands
 from fringeworks.types import (
+    FloatMap,
     FramesContradictPlan,
     Frozen,
     InputError,
@@ -79,6 +80,8 @@ class Stack(Frozen):
     """Whether the frames come from lossily compressed files, such as JPEG."""
     region: Region | None = None
     """Part of the camera's sensor that they show; None where the capture does not say."""
+    colour: FloatMap | None = None
+    """The scene under even light in red, green and blue, (h, w, 3), counts; None where unknown."""
 
     def __post_init__(self) -> None:
         frames = self.frames

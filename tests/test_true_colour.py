@@ -1,0 +1,125 @@
+"""Colour of the scene from the frames of a colour camera, through points, meshes and files."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import fringeworks as fw
+from fringeworks.files.images import read_frames
+from fringeworks.simulate.bodies import Sphere
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.virtual_rig import look
+from fringeworks.stack.even_light import texture_weights
+from tests import rigs
+from tests.shared import shared
+
+LIGHT = np.array([1.0, 0.8, 0.6])
+"""What the camera's channels show of white paper."""
+
+
+def paint(shape):
+    """Albedo of a painted body in red, green and blue, (h, w, 3)."""
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    return np.stack(
+        (
+            0.55 + 0.3 * np.sin(x / 40),
+            0.6 + 0.25 * np.cos(y / 35),
+            0.55 + 0.3 * np.sin((x + y) / 50),
+        ),
+        axis=-1,
+    )
+
+
+@shared
+def photographs():
+    """Plan, and frames (h, w, 3) of a painted ball."""
+    rig = rigs.rig()
+    plan = fw.simulate.fringe_plan(rig, both=False)
+    view = look(rig, [rigs.ahead(Sphere(50.0), 5, 3, albedo=0.9)])
+    grey = list(photograph(view, plan, Optics(seed=1, noise=0.0)))
+    rng = np.random.default_rng(0)
+    colours = paint(grey[0].shape) * LIGHT
+    frames = [
+        np.clip(np.rint(g[..., None] * colours + 0.7 * rng.standard_normal(colours.shape)), 0, 255)
+        for g in grey
+    ]
+    return plan, [f.astype(np.uint8) for f in frames]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    plan, frames = photographs()
+    place = tmp_path_factory.mktemp("painted")
+    fw.files.write_plan(place / "plan.toml", plan)
+    for k, frame in enumerate(frames):
+        Image.fromarray(frame).save(place / f"{k:02d}.png", compress_level=1)
+    return place
+
+
+@pytest.mark.parametrize("channels", [None, "g"])
+def test_points_have_the_colour_of_the_paint(folder, channels):
+    stack = fw.files.read_stack(folder, channels=channels)
+    cloud = fw.measure(stack, rigs.rig()).points
+    ok = cloud.reason == 0
+    assert ok.mean() > 0.2
+    assert cloud.colour.shape == (*cloud.shape, 3)
+    # In linear light, but for the shading that all channels have in common.
+    seen = cloud.colour[ok] / LIGHT
+    true = paint(cloud.shape)[ok]
+    seen, true = (c / c.sum(axis=1, keepdims=True) for c in (seen, true))
+    assert np.sqrt(np.mean((seen / true - 1.0) ** 2)) < 0.02
+    assert np.abs(np.mean(seen / true - 1.0, axis=0)).max() < 0.002
+
+
+def test_the_geometry_is_that_of_the_luminance(folder):
+    stack = fw.files.read_stack(folder)
+    with_colour, without = (
+        fw.measure(s, rigs.rig()).points for s in (stack, replace(stack, colour=None))
+    )
+    assert without.colour.ndim == 2
+    assert np.array_equal(with_colour.xyz_mm, without.xyz_mm, equal_nan=True)
+    assert np.array_equal(with_colour.sigma_mm, without.sigma_mm, equal_nan=True)
+
+
+def test_files_keep_the_colour(folder, tmp_path):
+    cloud = fw.measure(folder, rigs.rig()).points
+    ok = cloud.reason == 0
+    chroma = np.ptp(cloud.colour[ok], axis=1).mean() / cloud.colour[ok].mean()
+    assert chroma > 0.2
+    for name in ("a.npz", "a.ply", "a.pcd"):
+        fw.write(tmp_path / name, cloud)
+        found = fw.read(tmp_path / name).colour
+        found = found[ok] if found.ndim == 3 else found
+        assert found.shape == (ok.sum(), 3)
+        assert abs(np.ptp(found, axis=1).mean() / found.mean() / chroma - 1.0) < 0.05
+    mesh = fw.surface.cloud_mesh(cloud)
+    assert mesh.colour.shape == (len(mesh.vertices_mm), 3)
+    pytest.importorskip("trimesh")
+    import trimesh
+
+    fw.write(tmp_path / "a.glb", mesh)
+    seen = trimesh.load(tmp_path / "a.glb", force="mesh").visual.vertex_colors[:, :3].astype(float)
+    assert abs(np.ptp(seen, axis=1).mean() / seen.mean() / chroma - 1.0) < 0.1
+
+
+def test_grey_images_stay_grey(tmp_path):
+    plan, frames = photographs()
+    paths = []
+    for k, frame in enumerate(frames):
+        paths.append(tmp_path / f"{k:02d}.png")
+        Image.fromarray(np.repeat(frame[..., 1:2], 3, axis=2)).save(paths[-1])
+    assert read_frames(paths, stack=True, weights=texture_weights(plan)).colour is None
+
+
+def test_the_colour_does_not_depend_on_who_reads_first(folder):
+    """Steps that are not equal: weights whose sums would round differently in another order."""
+    plan = fw.PatternPlan(64, 48, (fw.patterns.PhaseSteps("x", 20.0, (0.0, 0.7, 1.9, 3.5)),))
+    weights = texture_weights(plan)
+    assert len(set(weights.values())) > 1
+    paths = sorted(folder.glob("*.png"))[:4]
+    found = [read_frames(paths, stack=True, weights=weights).colour for _ in range(3)]
+    assert all(np.array_equal(found[0], other) for other in found)
+    assert found[0].shape == (*photographs()[1][0].shape[:2], 3)

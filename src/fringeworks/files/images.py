@@ -113,7 +113,7 @@ class ReadFrames(Frozen):
     """Smallest difference between two counts of the files, 1 for whole counts; None for floats."""
     lossy: bool
     """Whether a file is lossily compressed, such as a JPEG."""
-    saturation: float | None
+    saturation: float | None = None
     """Largest count of the files' type, where frames were converted from it to luminance."""
     colour: FloatMap | None = None
     """Weighted mean of the images in red, green and blue, (h, w, 3), counts; None where no weights

@@ -22,6 +22,7 @@ from fringeworks.files.images import (
     CHANNELS,
     IMAGE_SUFFIXES,
     TIFF_SUFFIXES,
+    ReadFrames,
     checked_channels,
     read_frames,
 )
@@ -216,39 +217,41 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
     channels = checked_channels(channels or content.channels)
     if isinstance(content.frames, str):
         paths = [existing_file(inside(folder, content.frames), "a stack of frames")]
-        notes: list[str] = []
         frames, lossy = _read_file(paths[0], channels)
-        step = step_of(frames[0].dtype) if frames else None
-        colour = None
+        read = ReadFrames(tuple(frames), (), step_of(frames[0].dtype) if frames else None, lossy)
+        notes: list[str] = []
     else:
-        listed = content.frames is not None
-        given = [inside(folder, n) for n in content.frames or ()] if listed else images_of(folder)
-        if len(channels) > 1:
-            _check_number(given, channels, layout, folder)
-            paths, notes = given, []
-        else:
-            paths, notes = in_plan_order(given, layout, folder, listed=listed)
+        paths, notes = _images_in_order(folder, content.frames, channels, layout)
         # Where an image holds several frames, each channel has a pattern of its own.
         shown = texture_weights(layout) if len(channels) <= 1 else {}
         read = read_frames(paths, stack=True, channels=channels, weights=shown)
-        frames, step, lossy, colour = read.frames, read.count_step, read.lossy, read.colour
-        saturation = saturation or read.saturation
         notes += _first_of(read.notes)
     tomls = [description] if described else []
     tomls += [] if isinstance(plan, PatternPlan) else [Path(plan)]
     return Stack(
-        frames,
+        read.frames,
         layout,
-        saturation,
+        saturation or read.saturation,
         content.devices.camera,
         content.devices.projector,
         tuple(notes),
         tuple(source_of(path) for path in (*paths, *tomls)),
-        step,
-        lossy,
-        _region_of(content, frames),
-        colour,
+        read.count_step,
+        read.lossy,
+        _region_of(content, read.frames),
+        read.colour,
     )
+
+
+def _images_in_order(
+    folder: Path, names: Sequence[str] | None, channels: str, layout: PatternPlan
+) -> tuple[list[Path], list[str]]:
+    """The images of a folder in the order of a plan, and notes about their names."""
+    given = [inside(folder, n) for n in names or ()] if names is not None else images_of(folder)
+    if len(channels) > 1:
+        _check_number(given, channels, layout, folder)
+        return given, []
+    return in_plan_order(given, layout, folder, listed=names is not None)
 
 
 def _region_of(content: StackFile, frames: Sequence[NDArray[Any]]) -> Region | None:

@@ -14,6 +14,12 @@ INTERRUPTED = 130
 
 def main() -> None:
     """Entry point: exit code 0 done, 2 bad input (one line on stderr), 130 interrupted, 1 else."""
+    if sys.argv[1:] == ["--version"]:
+        # Asked by programs, which wait for it: the commands take ten times as long to load.
+        import fringeworks as fw
+
+        sys.stdout.write(f"fringeworks {fw.__version__}\n")
+        return
     try:
         # Imported here, so that Ctrl-C during the imports is answered as well.
         from fringeworks.cli.commands import run

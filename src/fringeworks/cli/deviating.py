@@ -7,7 +7,6 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 import fringeworks as fw
@@ -74,6 +73,8 @@ class AlignOptions:
             AlignName.planes: ("--datum-plane",),
             AlignName.none: (),
         }[self.align]
+        import numpy as np  # when it is used: the command line loads without it
+
         for name, value in given.items():
             if value and name not in uses:
                 raise fw.InputError(f"{name} cannot be combined with --align {self.align.value}")
@@ -110,6 +111,8 @@ def _box(text: str, option: str) -> fw.evaluate.Area:
 
 
 def _planes(texts: list[str]) -> fw.evaluate.DatumPlanes:
+    import numpy as np  # as above
+
     if len(texts) != 3:
         raise fw.InputError(f"--datum-plane: expected three datum planes, got {len(texts)}")
     table = [_numbers(text, 7, "--datum-plane") for text in texts]

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 SECTION = "Results"
 
@@ -78,8 +81,10 @@ def mesh(
     words.wrote(out)
 
 
-def _box(text: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def _box(text: str) -> NDArray[np.float64]:
     """Smallest and largest x, y, z from ``x1:x2:y1:y2:z1:z2``."""
+    import numpy as np  # when it is used: the command line loads without it
+
     parts = text.split(":")
     try:
         if len(parts) != 6:

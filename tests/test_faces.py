@@ -275,7 +275,7 @@ def test_a_series_of_the_studio_is_its_scans(studio, setup, tmp_path):
     for name in ("part-000.0deg", "part-120.0deg"):
         assert studio.scan(studio.session("one"), name, Take(average=2)).state == "done"
     for name in ("part-000.0deg", "part-120.0deg"):
-        one, shell, python = faces(studio, setup, tmp_path, name)
+        one, shell, python = faces(studio, setup, tmp_path / f"again {name}", name)
         assert one == shell
         assert one == python
 

@@ -103,8 +103,11 @@ def test_an_interrupted_scan_is_resumed(tmp_path, after):
     for settings in (TWO, 2):
         capture_hdr(b.projector, no_frames(b.camera), plan(), folder, settings, resume=True)
         assert {p: p.read_bytes() for p in folder.glob("**/[!.]*.*")} == before
-    # A new scan replaces the whole folder, as it does for a single capture.
-    capture_hdr(b.projector, b.camera, plan(2), folder, TWO[:1])
+    # A new scan would lose frames that nobody can take again.
+    with pytest.raises(FileProblem, match="a finished capture, whose frames would be lost"):
+        capture_hdr(b.projector, no_frames(b.camera), plan(2), folder, TWO[:1])
+    assert {p: p.read_bytes() for p in folder.glob("**/[!.]*.*")} == before
+    capture_hdr(b.projector, b.camera, plan(2), folder, TWO[:1], force=True)
     assert [stack.plan for stack in read_exposures(folder)] == [plan(2)]
     assert not (folder / "1").exists()
 

@@ -124,7 +124,11 @@ def test_two_captures_in_one_folder(tmp_path):
     capture(one.projector, one.camera, plan(), folder, progress=also)
     assert len(refused) == plan().frames
     assert len(read_stack(folder).frames) == plan().frames
-    capture(other.projector, other.camera, plan(), folder)
+    with pytest.raises(FileProblem, match="a finished capture, whose frames would be lost"):
+        capture(other.projector, other.camera, plan(), folder)
+    before = read_stack(folder).frames
+    capture(other.projector, other.camera, plan(), folder, force=True)
+    assert not np.array_equal(read_stack(folder).frames, before)
 
 
 def test_nothing_to_resume(tmp_path):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, replacing, write_text
-from fringeworks.files.folder import FolderWriter, foreign_names, replacing_folder
+from fringeworks.files.folder import FolderInUse, FolderWriter, foreign_names, replacing_folder
 from fringeworks.files.images import holds_counts, read_frame, write_frame
 from fringeworks.files.limits import is_file
 from fringeworks.files.pair import CAPTURE_FILE, DevicesSection
@@ -170,6 +170,20 @@ def writing_capture(
         described = {"kind": "stack", "plan": PLAN_FILE, "frames": capture.names} | content
         write_text(writer.file(CAPTURE_FILE), tomli_w.dumps(described))
         writer.remove(UNFINISHED_FILE)
+
+
+def refuse_replacing(folder: StrPath) -> None:
+    """Refuse to take frames into the folder of a finished capture: nobody can take those again.
+
+    Raises
+    ------
+    FolderInUse for a folder with a ``capture.toml``.
+    """
+    if is_file(Path(folder) / CAPTURE_FILE):
+        raise FolderInUse(
+            f"{folder}: expected a new folder, got one with a finished capture, whose frames would "
+            "be lost"
+        )
 
 
 def settings_to_resume(folder: StrPath) -> CameraSettings:

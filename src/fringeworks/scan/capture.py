@@ -8,7 +8,11 @@ from typing import Literal
 from fringeworks.devices.pixel_formats import full_scale
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.files.atomic import StrPath
-from fringeworks.files.capture_writer import settings_to_resume, writing_capture
+from fringeworks.files.capture_writer import (
+    refuse_replacing,
+    settings_to_resume,
+    writing_capture,
+)
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.exposure import auto_exposure
 from fringeworks.scan.frames import Progress, check_plan, take_frames
@@ -43,7 +47,7 @@ def capture(
     camera : Camera
     plan : PatternPlan
     folder : path
-        New, empty, or an earlier result, which is replaced as a whole.
+        New, empty, or of a capture that was not finished.
     settings : CameraSettings, optional
         Asked for before the first frame. What the camera then reports is stored with the capture.
         With ``resume``, settings that are not given are those of the interrupted capture.
@@ -60,7 +64,7 @@ def capture(
         Keep the frames of a capture that was interrupted, and take the others. A complete capture
         with the same plan and settings is left as it is.
     force : bool
-        Write into a folder with other things in it, too.
+        Write into a folder with other things in it, too, and replace a finished capture.
     progress : callable
         Called with the label of every frame that was taken.
 
@@ -89,6 +93,8 @@ def capture(
     True
     """
     check_plan(projector, plan)
+    if not (resume or force):
+        refuse_replacing(folder)
     settings = settings or CameraSettings()
     if resume:
         taken = settings_to_resume(folder)

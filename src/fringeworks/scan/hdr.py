@@ -7,6 +7,7 @@ from pathlib import Path
 
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.capture_writer import refuse_replacing
 from fringeworks.files.exposures import series_to_resume, writing_exposures
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.capture import capture
@@ -37,8 +38,7 @@ def capture_hdr(
     camera : Camera
     plan : PatternPlan
     folder : path
-        New, empty, or an earlier result, which is replaced as a whole. The captures lie in its
-        folders 0, 1, …
+        New, empty, or of a scan that was not finished. The captures lie in its folders 0, 1, …
     settings : sequence of CameraSettings, or int
         One for each exposure, as from ``exposure_series``; or their number, and ``exposure_series``
         chooses them. With ``resume``, a number stands for those of the interrupted scan.
@@ -60,6 +60,8 @@ def capture_hdr(
     As ``capture``, and InputError where an interrupted scan had other settings or another plan.
     """
     check_plan(projector, plan)
+    if not (resume or force):
+        refuse_replacing(folder)
     if isinstance(settings, int):
         known = series_to_resume(folder) if resume else None
         settings = known or exposure_series(projector, camera, settings)

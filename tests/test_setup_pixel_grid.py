@@ -82,3 +82,11 @@ def test_a_setup_names_the_grid():
     found = set_up(b.projector, b.camera)
     assert [f.kind for f in found.findings] == ["pixel grid"]
     assert found.pixel_grid.seen
+
+
+def test_camera_pixels_that_mix_projector_pixels_are_no_resized_picture():
+    """The contrast of fine stripes beats with the pixel grids without any gaps."""
+    x, y = flat_view((96, 128), 1.3, tilt=0.02)
+    scene = PixelGaps(x, y, (108, 80), fill=1.0, defocus_px=0.6)
+    b = bench({"width_px": 108, "height_px": 80}, scene=scene, seed=1)
+    assert set_up(b.projector, b.camera).findings == ()

@@ -292,6 +292,9 @@ def _kept(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
         # Light that flickers changes levels and contrast from picture to picture.
         if new.kind in STEADY_KINDS and "flicker" in kinds:
             continue
+        # Where the camera resolves projector pixels, the contrast of stripes beats with them.
+        if new.kind == "scale" and "pixel grid" in kinds:
+            continue
         if new.kind == "saturated" and any(kind == new.kind for kind, _ in kept):
             # No exposure is short enough; that pixels are saturated follows.
             continue

@@ -193,7 +193,8 @@ def _finding(grid: PixelGrid) -> Finding:
             "a camera that resolves the projector's pixels",
         ),
         "defocus the projector by about half of its pixels, or change the distance or the "
-        "camera's magnification, until the stripes vanish",
+        "camera's magnification, until the stripes vanish; then run the set-up again, which cannot "
+        "tell before whether pictures are resized",
         figures={
             "amplitude_share": grid.amplitude,
             "noise_share": grid.noise,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import TURN
-from fringeworks.stack.ripple import MIN_WINDOWS, SURE, TINY, pooled
+from fringeworks.stack.ripple import MIN_WINDOWS, SIGNIFICANT_AMPLITUDE, TINY, pooled
 from fringeworks.types import FloatMap
 
 HARMONICS = 3
@@ -56,8 +56,9 @@ class GridPull:
 
     @property
     def rms_px(self) -> float:
-        """The pull, rms; 0 where it is not more than its error."""
-        return self.all_px if self.significance > SURE else 0.0
+        """The pull, rms; 0 where chance may have made it. Lines know it to a hundredth of the noise
+        of a pixel, so that what is left out does not matter."""
+        return self.all_px if self.significance > SIGNIFICANT_AMPLITUDE else 0.0
 
 
 def measure_pull(coordinate: FloatMap) -> GridPull | None:

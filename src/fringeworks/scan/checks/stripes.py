@@ -130,9 +130,7 @@ def check_stripes(
         found.append(_unresolved(axis))
     judged = [int(k) for k in np.flatnonzero(resolved & (periods <= FINE_PX))]
     inside = np.where(_even(coarse, agreement), coordinate_px, np.nan)
-    profiles = {
-        k: _profile(_without_grid(relative[k], inside), inside) for k in judged or [best]
-    }
+    profiles = {k: _profile(_without_grid(relative[k], inside), inside) for k in judged or [best]}
     shown = next(iter(profiles))
     for k in judged:
         beat = _beat(*profiles[k])

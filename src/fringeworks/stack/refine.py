@@ -183,6 +183,7 @@ def _with_line_scatter(
     finest = ripples[k]
     if finest is not None and finest.excess > LINES_NOISE_ALONE:
         finest = _without_blur(decoding, lines, known, k) or finest
+        finest = _without_pull(finest, decoding, lines, known, k)
     if finest is None or finest.excess <= LINES_NOISE_ALONE:
         return decoding, 1.0
     if bent:
@@ -203,6 +204,19 @@ def _without_blur(
         return None
     maps["phases"][k] -= TURN / decoding.sets[k].period_px * blur
     return line_ripple(decoding.sets[k], maps, k, known)
+
+
+def _without_pull(
+    ripple: Ripple, decoding: Decoding, lines: list[NDArray[Any]], known: Known, k: int
+) -> Ripple:
+    """The ripple of a set with less scatter: without that of the pixel grid, which is a part of σ
+    by itself."""
+    maps = decode_sample(decoding, lines, known.noise, known.limits.open)
+    pull = measure_pull(maps["coordinate"])
+    if pull is None or ripple.noise_rad == 0.0:
+        return ripple
+    pull_rad = TURN / decoding.sets[k].period_px * pull.rms_px
+    return replace(ripple, excess=ripple.excess - (pull_rad / ripple.noise_rad) ** 2)
 
 
 def _uneven_residuals(decoding: Decoding, sample: Sample, known: Known) -> bool:

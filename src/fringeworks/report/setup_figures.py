@@ -206,7 +206,7 @@ def _camera_axes(axes: Axes) -> None:
 
 
 PANELS: tuple[tuple[Panel, str, tuple[str, ...]], ...] = (
-    (_lit_area, "levels", ("dark", "saturated")),
+    (_lit_area, "levels", ("dark", "saturated", "pixel grid")),
     (_projector_x, "orientation", ("mirrored",)),
     (_projector_y, "orientation", ()),
     (_vignetting, "vignetting", ("vignetting",)),

@@ -18,6 +18,7 @@ from fringeworks.scan.checks.flicker import Flicker, check_flicker
 from fringeworks.scan.checks.frames import check_frames
 from fringeworks.scan.checks.levels import Levels, check_levels
 from fringeworks.scan.checks.orientation import Orientation, check_orientation
+from fringeworks.scan.checks.pixel_grid import PixelGrid, check_pixel_grid
 from fringeworks.scan.checks.stripes import Stripes, check_stripes
 from fringeworks.scan.checks.video_mode import check_video_mode
 from fringeworks.scan.checks.vignetting import Vignetting, check_vignetting
@@ -52,6 +53,7 @@ IMPORTANCE = (
     "flicker",
     "averaged",
     "compressed",
+    "pixel grid",
     "ramp",
     "vignetting",
     "delay",
@@ -85,6 +87,8 @@ class SetupTests(Frozen):
     stripes: tuple[Stripes, ...] = ()
     """Along x, then along y."""
     vignetting: Vignetting | None = None
+    pixel_grid: PixelGrid | None = None
+    """None also where too little of the frame is lit."""
     delay: Delay | None = None
     """None also where it could not be measured."""
     findings: tuple[Finding, ...] = ()
@@ -261,6 +265,9 @@ class _Tests:
         progress("vignetting")
         vignetting = check_vignetting(projector.size_px, levels, seen, agreement.noise.usual)
         self._add(vignetting.findings, vignetting=vignetting)
+        progress("pixel grid")
+        grid = check_pixel_grid(levels, seen)
+        self._add(() if grid is None else grid.findings, pixel_grid=grid)
         progress("delay")
         self._measure_delay()
 
@@ -284,6 +291,9 @@ def _kept(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
     for new in findings:
         # Light that flickers changes levels and contrast from picture to picture.
         if new.kind in STEADY_KINDS and "flicker" in kinds:
+            continue
+        # Where the camera resolves projector pixels, the contrast of stripes beats with them.
+        if new.kind == "scale" and "pixel grid" in kinds:
             continue
         if new.kind == "saturated" and any(kind == new.kind for kind, _ in kept):
             # No exposure is short enough; that pixels are saturated follows.

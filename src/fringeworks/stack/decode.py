@@ -298,6 +298,8 @@ def compare_neighbours(
     if typical_px is not None:
         maps = (coordinate, sigma, results["reason"])
         _core.mark_isolated(*maps, typical=typical_px, repeats=decoding.repeats_px)
+    if found.pull_px:
+        np.hypot(sigma, np.float32(found.pull_px), out=sigma)
     # Scatter beside steps, and the errors there, are the same: the larger σ counts.
     beside = sigma_beside_steps(coordinate, sigma, **fringes) if found.steps else None
     if found.scatters:

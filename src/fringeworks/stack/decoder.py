@@ -313,4 +313,6 @@ def _ambiguous(reasons: Sequence[ByteMap]) -> int:
 
 def _in_one_pass(found: Judgement) -> bool:
     """Whether no step between decoding and triangulation needs whole maps."""
-    return not any(axis.uneven or axis.scatters or axis.votes for axis in found.axes.values())
+    return not any(
+        axis.uneven or axis.scatters or axis.votes or axis.pull_px for axis in found.axes.values()
+    )

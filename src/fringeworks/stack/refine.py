@@ -17,6 +17,7 @@ from fringeworks.stack.kernel_settings import SEAM_SIGMAS, Decoding, PhaseFrames
 from fringeworks.stack.line_profile import with_line_floor
 from fringeworks.stack.neighbours import worth_voting
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
+from fringeworks.stack.pixel_grid import measure_pull
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import LINES_NOISE_ALONE, Ripple
 from fringeworks.stack.ripple_removal import line_ripple, without_ripples
@@ -56,7 +57,8 @@ Edges of a scene alone hold up to one in a hundred pixels. Empirical.
 """
 
 NOTABLE_RATIO = 1.2
-"""χ² of the sets over its expectation from which on their disagreement is reported. Empirical."""
+"""χ² of the sets over its expectation from which on their disagreement is reported, and variance of
+the coordinates with the pull of the pixel grid over that without it. Empirical."""
 
 SHIFTED_REACH = 1.15
 """Median distance of coordinates from the middles of their Gray-code cells, over its expectation,
@@ -83,6 +85,8 @@ class Refined:
     """Whether the phases of a set at least show whether the response is linear."""
     votes: bool = False
     """Whether so many fringe orders are ambiguous that neighbours vote on them."""
+    pull_px: float = 0.0
+    """Standard deviation that stands for the pull of the projector's pixel grid, px."""
 
 
 def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
@@ -143,16 +147,22 @@ def _compared(found: Refined, maps: dict[str, Any]) -> Refined:
     decoding, findings = found.decoding, found.findings
     coordinate, sigma = maps["coordinate"], maps["sigma"]
     blur = line_shift(coordinate, sigma, maps["modulation"], **fringes_of(decoding))
+    pull = measure_pull(coordinate if blur is None else coordinate - blur)
+    pull_px = 0.0 if pull is None else RIPPLE_FACTOR * pull.rms_px
+    usual = sigma[np.isfinite(sigma)]
+    if pull is not None and pull_px**2 > (NOTABLE_RATIO - 1.0) * median(usual) ** 2:
+        findings = (*findings, words.pixel_grid(decoding.axis, pull.rms_px))
     if blur is not None:
         # Higher orders of the blur are left of large shifts: they say nothing of the scatter.
         coordinate = np.where(np.abs(blur) < sigma, coordinate - blur, np.float32(np.nan))
-    seen = (coordinate, sigma, decoding.most_scatter_px)
+    seen = (coordinate, np.hypot(sigma, np.float32(pull_px)), decoding.most_scatter_px)
     rough = scatters(*seen)
     if rough and by_pixel(*seen):
         findings = (*findings, words.scatter(decoding.axis))
     return replace(
         found,
         findings=findings,
+        pull_px=pull_px,
         scatters=found.uneven or rough or blur is not None,
         blurred=blur is not None,
         steps=has_steps(maps["coordinate"], **fringes_of(decoding)),
@@ -173,6 +183,7 @@ def _with_line_scatter(
     finest = ripples[k]
     if finest is not None and finest.excess > LINES_NOISE_ALONE:
         finest = _without_blur(decoding, lines, known, k) or finest
+        finest = _without_pull(finest, decoding, lines, known, k)
     if finest is None or finest.excess <= LINES_NOISE_ALONE:
         return decoding, 1.0
     if bent:
@@ -193,6 +204,19 @@ def _without_blur(
         return None
     maps["phases"][k] -= TURN / decoding.sets[k].period_px * blur
     return line_ripple(decoding.sets[k], maps, k, known)
+
+
+def _without_pull(
+    ripple: Ripple, decoding: Decoding, lines: list[NDArray[Any]], known: Known, k: int
+) -> Ripple:
+    """The ripple of a set with less scatter: without that of the pixel grid, which is a part of σ
+    by itself."""
+    maps = decode_sample(decoding, lines, known.noise, known.limits.open)
+    pull = measure_pull(maps["coordinate"])
+    if pull is None or ripple.noise_rad == 0.0:
+        return ripple
+    pull_rad = TURN / decoding.sets[k].period_px * pull.rms_px
+    return replace(ripple, excess=ripple.excess - (pull_rad / ripple.noise_rad) ** 2)
 
 
 def _uneven_residuals(decoding: Decoding, sample: Sample, known: Known) -> bool:

@@ -199,7 +199,7 @@ def measure_ripple(
     _, place = np.unique(first // max(1, int(np.ptp(pixels[0])) + 1), return_inverse=True)
     usual = np.repeat([usual_rad(order, steps) for order in orders], 2)
     known = float(expected.mean()) / usual**2
-    coefficients, covariance = _pooled(normal, projected, known, place)
+    coefficients, covariance = pooled(normal, projected, known, place)
     # Σ (e - D c)², from the sums of e², D e and D D.
     explained = 2.0 * projected - np.einsum("wpq,q->wp", normal, coefficients)
     residual = np.maximum(power - explained @ coefficients, 0.0) / length / expected[kept]
@@ -238,7 +238,7 @@ def usual_rad(order: int, steps: int) -> float:
     return STEP_RIPPLE_RAD if order <= 2 else OTHER_RIPPLE_RAD
 
 
-def _pooled(
+def pooled(
     normal: FloatMap, projected: FloatMap, known: FloatMap, place: NDArray[np.intp]
 ) -> tuple[FloatMap, FloatMap]:
     """Expected coefficients over all windows, and their covariance: the larger one of the scatter

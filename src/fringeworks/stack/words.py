@@ -273,6 +273,20 @@ def correlated_noise(factor: float, axis: Axis) -> Finding:
     return Finding("correlated noise", seen, causes, advice, axis, (), {"factor": factor})
 
 
+def pixel_grid(axis: Axis, rms_px: float) -> Finding:
+    """Coordinates that are pulled to the middles of the projector's pixels."""
+    seen = (
+        f"coordinates along {axis} are off by {rms_px:.2g} px rms, alike on every projector pixel; "
+        "standard deviations contain it"
+    )
+    causes = ("a camera that resolves the projector's pixels, or sees their grid as moiré",)
+    advice = (
+        "defocus the projector by about half of its pixels, or change the distance or the "
+        "camera's magnification"
+    )
+    return Finding("pixel grid", seen, causes, advice, axis, figures={"pull_px": rms_px})
+
+
 def scatter(axis: Axis) -> Finding:
     """Coordinates that differ from their neighbours by more than their standard deviations."""
     seen = (

@@ -52,6 +52,7 @@ def figures(tests: SetupTests) -> dict[str, Any]:
             for stripes in tests.stripes
         },
         "vignetting": _vignetting(tests),
+        "pixel_grid": _pixel_grid(tests),
         "delay": None if tests.delay is None else _delay(tests.delay),
         "findings": findings_as_dicts(tests.findings),
     }
@@ -113,6 +114,22 @@ def _vignetting(tests: SetupTests) -> dict[str, Any] | None:
     }
 
 
+def _pixel_grid(tests: SetupTests) -> dict[str, Any] | None:
+    found = tests.pixel_grid
+    if found is None:
+        return None
+    return {
+        "text": f"{found}",
+        "seen": found.seen,
+        "order": list(found.order),
+        "amplitude": found.amplitude,
+        "error": found.error,
+        "noise": found.noise,
+        "period_px": found.period_px,
+        "direction_deg": found.direction_deg,
+    }
+
+
 def _delay(delay: Delay) -> dict[str, Any]:
     return {
         "text": f"{delay}",
@@ -147,9 +164,9 @@ def words(_: SetupTests, figures: dict[str, Any]) -> Iterator[str | Rows]:
             f"spans {stripes['camera_pixel_px']:.2g} projector px, blur {stripes['blur_px']:.2g} "
             "camera px"
         )
-    for name in ("vignetting", "delay"):
+    for name in ("vignetting", "pixel_grid", "delay"):
         if figures[name] is not None:
-            yield f"{name}: {figures[name]['text']}"
+            yield f"{name.replace('_', ' ')}: {figures[name]['text']}"
     if "plan" in figures:
         plan = figures["plan"]
         if figures["finest_cell_px"] is not None:

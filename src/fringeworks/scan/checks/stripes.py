@@ -54,6 +54,11 @@ MIN_COLUMNS = 32
 """Smallest number of projector columns that must be seen to look for a periodic change."""
 SLOW_CYCLES = 3
 """Changes of the contrast with fewer cycles over the picture are shape and focus, not resizing."""
+GRID_PARTS = 8
+"""Parts of a projector pixel that the contrast is compared within: the coarse coordinates are known
+to a third of one."""
+LEAST_POWER = 1e-12
+"""Divides instead of a zero."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -125,7 +130,7 @@ def check_stripes(
         found.append(_unresolved(axis))
     judged = [int(k) for k in np.flatnonzero(resolved & (periods <= FINE_PX))]
     inside = np.where(_even(coarse, agreement), coordinate_px, np.nan)
-    profiles = {k: _profile(relative[k], inside) for k in judged or [best]}
+    profiles = {k: _profile(_without_grid(relative[k], inside), inside) for k in judged or [best]}
     shown = next(iter(profiles))
     for k in judged:
         beat = _beat(*profiles[k])
@@ -210,6 +215,22 @@ def _even(coarse: FloatMap, agreement: Agreement) -> BoolMap:
     step = brightest - scipy.ndimage.minimum_filter(modulation, EDGE_PX)
     noise = np.sqrt(2.0 / STEPS * agreement.noise.usual.variance(brightest / (2.0 * SWING)))
     return np.asarray(step < EDGE_SHARE * brightest + EDGE_SIGMAS * noise)
+
+
+def _without_grid(power: FloatMap, coordinate_px: FloatMap) -> FloatMap:
+    """Power relative to the mean one at the same place on a projector pixel.
+
+    Camera pixels that see halves of two projector pixels have less contrast than those that see one
+    alone, so that the contrast beats with the pixel grids without any resizing.
+    """
+    known = np.isfinite(power) & np.isfinite(coordinate_px)
+    part = np.zeros(power.shape, int)
+    part[known] = (coordinate_px[known] % 1.0 * GRID_PARTS).astype(int) % GRID_PARTS
+    count = np.bincount(part[known], minlength=GRID_PARTS)
+    total = np.bincount(part[known], power[known], minlength=GRID_PARTS)
+    mean = total / np.maximum(count, 1)
+    usual = float(total.sum() / max(count.sum(), 1))
+    return np.asarray(power * (usual / np.where(mean > 0.0, mean, max(usual, LEAST_POWER)))[part])
 
 
 def _profile(power: FloatMap, coordinate_px: FloatMap) -> tuple[NDArray[Any], FloatMap]:

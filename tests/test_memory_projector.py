@@ -49,6 +49,7 @@ def test_a_plan_is_captured_with_triggers(tmp_path):
                 plan(),
                 tmp_path / "c",
                 settings=CameraSettings(exposure_ms=16.667),
+                force=True,
                 progress=steps.append,
             )
             assert board.pulses == (n + 1) * plan().frames

@@ -11,7 +11,7 @@ import typer
 from fringeworks.cli import panels
 from fringeworks.cli.commands import face, run
 
-DIFFERENT = {"--out": "what the command writes"}
+DIFFERENT = {"--out": "what the command writes", "--scale": "a factor of lengths"}
 """Options whose help begins differently from command to command, and what they have in common."""
 SEVERAL = {"--gamma", "--noise", "--bits", "--fringes", "--object"}
 """Options that take several values in `compare`, separated by commas or repeated."""

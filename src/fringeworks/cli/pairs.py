@@ -64,7 +64,7 @@ class RigOptions:
     depth: Annotated[
         str | None,
         typer.Option(
-            help="With --rig: smallest and largest depth of what is lit, mm, as 450:560; fringe "
+            help="Smallest and largest depth of what is lit, mm, as 450:560. With --rig: fringe "
             "orders that lead out of it are corrected."
         ),
     ] = None

@@ -15,7 +15,8 @@ PANELS = {
     "gain saturation min-modulation modulation",
     "Scene": "shape size height-mm fringes gamma bits ambient paint seed matrix",
     "Geometry": "rig projector-size axes axis depth blur-px epipolar-px geometry distance-mm "
-    "baseline-mm pitch-mm-per-px sign principal-px plane-coordinates plane-equation board "
+    "baseline-mm pitch-mm-per-px sign principal-px plane-coordinates plane-equation "
+    "plane-sigma-mm period-px bright-px board "
     "turntable turn distortion model align datum-point datum-plane fit-box reach-mm tolerance-mm "
     "scale",
     "Method": "live method option against denoise zero response estimate-response estimate-steps "

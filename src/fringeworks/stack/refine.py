@@ -17,7 +17,7 @@ from fringeworks.stack.kernel_settings import SEAM_SIGMAS, Decoding, PhaseFrames
 from fringeworks.stack.line_profile import with_line_floor
 from fringeworks.stack.neighbours import worth_voting
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
-from fringeworks.stack.pixel_grid import measure_pull
+from fringeworks.stack.pixel_grid import GridPull, measure_pull
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import LINES_NOISE_ALONE, Ripple
 from fringeworks.stack.ripple_removal import line_ripple, without_ripples
@@ -26,7 +26,7 @@ from fringeworks.stack.set_residuals import Known, set_residuals
 from fringeworks.statistics.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median
 from fringeworks.statistics.surface_scatter import by_pixel, scatters
-from fringeworks.types import Axis, CameraNoise, Finding
+from fringeworks.types import Axis, CameraNoise, Finding, FloatMap
 
 MAX_OFFSET_TURNS = 0.15
 """Largest error of a rounding that constant offsets between the sets may make, turns.
@@ -147,7 +147,7 @@ def _compared(found: Refined, maps: dict[str, Any]) -> Refined:
     decoding, findings = found.decoding, found.findings
     coordinate, sigma = maps["coordinate"], maps["sigma"]
     blur = line_shift(coordinate, sigma, maps["modulation"], **fringes_of(decoding))
-    pull = measure_pull(coordinate if blur is None else coordinate - blur)
+    pull = _pull(decoding, coordinate if blur is None else coordinate - blur)
     pull_px = 0.0 if pull is None else RIPPLE_FACTOR * pull.rms_px
     usual = sigma[np.isfinite(sigma)]
     if pull is not None and pull_px**2 > (NOTABLE_RATIO - 1.0) * median(usual) ** 2:
@@ -206,13 +206,18 @@ def _without_blur(
     return line_ripple(decoding.sets[k], maps, k, known)
 
 
+def _pull(decoding: Decoding, coordinate: FloatMap) -> GridPull | None:
+    """The pull of the pixel grid; None where coordinates repeat, and so do not count its pixels."""
+    return None if np.isfinite(decoding.repeats_px) else measure_pull(coordinate)
+
+
 def _without_pull(
     ripple: Ripple, decoding: Decoding, lines: list[NDArray[Any]], known: Known, k: int
 ) -> Ripple:
     """The ripple of a set with less scatter: without that of the pixel grid, which is a part of σ
     by itself."""
     maps = decode_sample(decoding, lines, known.noise, known.limits.open)
-    pull = measure_pull(maps["coordinate"])
+    pull = _pull(decoding, maps["coordinate"])
     if pull is None or ripple.noise_rad == 0.0:
         return ripple
     pull_rad = TURN / decoding.sets[k].period_px * pull.rms_px

@@ -73,11 +73,11 @@ class AlignOptions:
             AlignName.planes: ("--datum-plane",),
             AlignName.none: (),
         }[self.align]
-        import numpy as np  # when it is used: the command line loads without it
-
         for name, value in given.items():
             if value and name not in uses:
                 raise fw.InputError(f"{name} cannot be combined with --align {self.align.value}")
+        import numpy as np  # when it is used: the command line loads without it
+
         if self.align is AlignName.none:
             return fw.evaluate.KnownPose(np.eye(4))
         if self.align is AlignName.planes:

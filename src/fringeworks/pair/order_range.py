@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fringeworks.pair.plane_evidence import TINY_PERIODS
+from fringeworks.pair.plane_evidence import TINY_PERIODS, periods_at
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.reference_phase import REJECTED_MADS, phase_nodes
 from fringeworks.rig.depth_range import DepthRange
@@ -63,8 +63,7 @@ def projector_period(prepared: PreparedPair, known: CoordinateMap) -> float | No
     nodes = phase_nodes(prepared)
     if nodes is None:
         return None
-    fx, fy = prepared.frequency
-    phase = fx * nodes.columns + fy * nodes.rows + nodes.beyond_rad / (2.0 * np.pi)
+    phase = periods_at(prepared, nodes)
     turned = known.coordinate_px if prepared.carrier.axis == "x" else known.coordinate_px.T
     rows, columns = (np.rint(v).astype(np.intp) for v in (nodes.rows, nodes.columns))
     q = np.asarray(turned[rows, columns], np.float64)

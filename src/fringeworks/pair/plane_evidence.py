@@ -259,7 +259,7 @@ def _at_nodes(prepared: PreparedPair, stated: StatedPlane) -> _Seen | None:
     found = phase_nodes(prepared)
     if found is None:
         return None
-    seen = _Seen(stated, _pixels(prepared, found), _periods(prepared, found))
+    seen = _Seen(stated, _pixels(prepared, found), periods_at(prepared, found))
     seen = seen.where(np.isfinite(seen.at_stated))
     return seen if seen.phase.size > MODES else None
 
@@ -270,8 +270,8 @@ def _pixels(prepared: PreparedPair, nodes: PhaseNodes) -> FloatMap:
     return np.stack(places if prepared.carrier.axis == "x" else places[::-1], axis=-1)
 
 
-def _periods(prepared: PreparedPair, nodes: PhaseNodes) -> FloatMap:
-    """Phase of the fringes, (n,), periods."""
+def periods_at(prepared: PreparedPair, nodes: PhaseNodes) -> FloatMap:
+    """Phase of the fringes at nodes, (n,), periods."""
     fx, fy = prepared.frequency
     phase = fx * nodes.columns + fy * nodes.rows + nodes.beyond_rad / (2.0 * np.pi)
     return np.asarray(phase)

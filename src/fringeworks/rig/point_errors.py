@@ -58,14 +58,19 @@ def point_errors(rig: Rig, points_mm: FloatMap, cloud: PointCloud) -> FloatMap |
     """
     if rig.covariance is None:
         return None
-    variances, directions = np.linalg.eigh(rig.covariance)
-    kept = variances > NEGLIGIBLE * variances.max(initial=0.0)
-    root = directions[:, kept] * np.sqrt(variances[kept])
+    root = root_of(rig.covariance)
     both = cloud.residual_px is not None
     parts = points_by_parameters(rig, points_mm, both=both) @ root
     if rig.structure_px > 0 and len(points_mm):
         parts = np.concatenate((parts, _structure(rig, points_mm, both=both)), axis=2)
     return np.asarray(parts)
+
+
+def root_of(covariance: FloatMap) -> FloatMap:
+    """Independent parts of a covariance, (n, k): it is their product with their transpose."""
+    variances, directions = np.linalg.eigh(covariance)
+    kept = variances > NEGLIGIBLE * variances.max(initial=0.0)
+    return np.asarray(directions[:, kept] * np.sqrt(variances[kept]))
 
 
 def _structure(rig: Rig, points_mm: FloatMap, *, both: bool) -> FloatMap:

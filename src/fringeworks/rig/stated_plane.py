@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks.rig.pinhole import project, rays, transform
-from fringeworks.rig.point_errors import NEGLIGIBLE, places_share
+from fringeworks.rig.point_errors import places_share, root_of
 from fringeworks.rig.ray_depth import projector_by_parameters
 from fringeworks.types import Axis, FloatMap, InputError, Rig
 
@@ -100,11 +100,9 @@ class StatedPlane:
         """Errors of these by the rig's calibration, as independent parts of variance 1, (n, k)."""
         if self.rig.covariance is None:
             return np.zeros((len(pixels), 0))
-        variances, directions = np.linalg.eigh(self.rig.covariance)
-        kept = variances > NEGLIGIBLE * variances.max(initial=0.0)
         w = 1.0 / self._points(pixels, 0.0)[:, 2]
         by = projector_by_parameters(self.rig, pixels, w)[1][:, 0 if self.axis == "x" else 1]
-        parts = by @ (directions[:, kept] * np.sqrt(variances[kept]))
+        parts = by @ root_of(self.rig.covariance)
         if self.rig.structure_px > 0 and len(pixels):
             parts = np.hstack((parts, self.rig.structure_px * places_share(pixels)))
         return np.asarray(parts)

@@ -182,8 +182,9 @@ def _with_line_scatter(
     k = min(range(len(ripples)), key=lambda k: decoding.sets[k].period_px)
     finest = ripples[k]
     if finest is not None and finest.excess > LINES_NOISE_ALONE:
-        finest = _without_blur(decoding, lines, known, k) or finest
-        finest = _without_pull(finest, decoding, lines, known, k)
+        maps = decode_sample(decoding, lines, known.noise, known.limits.open)
+        finest = _without_blur(decoding, maps, known, k) or finest
+        finest = _without_pull(finest, decoding, maps["coordinate"], k)
     if finest is None or finest.excess <= LINES_NOISE_ALONE:
         return decoding, 1.0
     if bent:
@@ -193,11 +194,9 @@ def _with_line_scatter(
     return decoding, finest.excess
 
 
-def _without_blur(
-    decoding: Decoding, lines: list[NDArray[Any]], known: Known, k: int
-) -> Ripple | None:
-    """The ripple of a set along lines without the shift by blur; None where there is no shift."""
-    maps = decode_sample(decoding, lines, known.noise, known.limits.open)
+def _without_blur(decoding: Decoding, maps: dict[str, Any], known: Known, k: int) -> Ripple | None:
+    """The ripple of a set along lines without the shift by blur, which is taken out of the maps'
+    phases; None where there is no shift."""
     seen = (maps["coordinate"], maps["sigma"], maps["modulation"])
     blur = line_shift(*seen, **fringes_of(decoding))
     if blur is None:
@@ -211,13 +210,10 @@ def _pull(decoding: Decoding, coordinate: FloatMap) -> GridPull | None:
     return None if np.isfinite(decoding.repeats_px) else measure_pull(coordinate)
 
 
-def _without_pull(
-    ripple: Ripple, decoding: Decoding, lines: list[NDArray[Any]], known: Known, k: int
-) -> Ripple:
+def _without_pull(ripple: Ripple, decoding: Decoding, coordinate: FloatMap, k: int) -> Ripple:
     """The ripple of a set with less scatter: without that of the pixel grid, which is a part of σ
     by itself."""
-    maps = decode_sample(decoding, lines, known.noise, known.limits.open)
-    pull = _pull(decoding, maps["coordinate"])
+    pull = _pull(decoding, coordinate)
     if pull is None or ripple.noise_rad == 0.0:
         return ripple
     pull_rad = TURN / decoding.sets[k].period_px * pull.rms_px

@@ -147,7 +147,7 @@ def _without_blur(
         rig,
         blur_px,
         axis=next(iter(used)) if len(used) == 1 else None,
-        period_px={a: min(m.periods_px) for a, m in used.items() if m.periods_px},
+        period_px={a: m.periods_px for a, m in used.items() if m.periods_px},
         removed_px={a: found.details.get(a, {}).get("removed_blur_px", 0.0) for a in used},
         modulation={a: m.modulation for a, m in used.items()},
     )

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -16,7 +16,8 @@ from fringeworks.surface.clean import inside_surface
 from fringeworks.surface.cloud import LONG_SIDE
 from fringeworks.types import Axis, BoolMap, CameraBlur, FloatMap, InputError, PointCloud, Rig
 
-Value = TypeVar("Value", float, FloatMap)
+Periods = float | Sequence[float]
+"""Period of fringes, or those of the sets that coordinates are the mean of, projector px."""
 
 HALF_WINDOW_PX = 2
 """Half side of the windows in which a parabola smooths coordinates before they are blurred, px. The
@@ -44,6 +45,13 @@ LONG_PERIOD_PX = 1e4
 MOST_SHARPENED = 2.0
 """Largest change of the brightness from pass to pass, as a factor: dark pixels beside bright ones
 would otherwise overshoot."""
+BEYOND_PX = 4.0
+"""Distance to which a surface is continued beyond its end by its slope there, px: that of nearly
+all light that a blur of 1 px brings in."""
+STEEPEST = 2.0
+"""Largest change of the fringes' phase from pixel to pixel for which the noise is computed, rad."""
+SLOPES = 9
+"""Number of such changes from 0 on; between them, the noise is interpolated, to 3 %."""
 STEP = 1e-3
 """Step for the derivative of the projector's coordinate by the distance, relative: small against
 the perspective, large against rounding."""
@@ -55,7 +63,7 @@ def remove_blur(
     blur: CameraBlur | float | None = None,
     *,
     axis: Axis | None = None,
-    period_px: float | Mapping[Axis, float] | None = None,
+    period_px: Periods | Mapping[Axis, Periods] | None = None,
     removed_px: float | Mapping[Axis, float] = 0.0,
     modulation: FloatMap | Mapping[Axis, FloatMap] | None = None,
 ) -> PointCloud:
@@ -73,14 +81,15 @@ def remove_blur(
     axis : "x" or "y", optional
         Axis of the fringes, where they ran along one only; by default the direction that depends on
         depth. What follows may be given for each axis, as {"x": …, "y": …}.
-    period_px : float > 0, optional
-        Shortest period of the fringes, projector px. Where the camera sees it with few pixels, blur
-        changes curved fringes less; by default it is taken to be long.
+    period_px : float > 0 or sequence of them, optional
+        Period of the fringes, projector px, or those of all sets that the coordinates are the mean
+        of: ``CoordinateMap.periods_px``. Where the camera sees them with few pixels, blur changes
+        curved fringes less; by default they are taken to be long.
     removed_px : float ≥ 0
         Blur whose shift at edges of brightness ``decode`` has already removed, px:
         ``details[axis]["removed_blur_px"]`` of its result.
     modulation : (h, w) array, optional
-        Modulation of these fringes, counts; by default the brightness stands for it.
+        Modulation of the finest of these fringes, counts; by default the brightness stands for it.
 
     Returns
     -------
@@ -103,6 +112,9 @@ def remove_blur(
     in windows of 5 × 5 px that do not cross steps in depth. The first order of this is
     v (∇ln B · ∇u + ∇²u/2) for the variance v: towards the brighter side, and against the curvature.
     A ball of 50 mm that is seen with 0.5 mm/px and a blur of 0.5 px becomes 0.01 mm too small.
+
+    The noise of coordinates and modulations, which is alike in radians and as a share, passes
+    through the same steps, linearised for an even slope; ``noise_mm`` becomes what comes out.
 
     Examples
     --------
@@ -136,17 +148,17 @@ def remove_blur(
     columns = ["xy".index(a) for a in axes]
     shifts = []
     for a, k, light in zip(axes, columns, lights, strict=True):
-        wave = 2.0 * np.pi / (_of_axis(period_px, a) or LONG_PERIOD_PX)
+        fringes = _fringes(_of_axis(period_px, a))
         removed_px2 = (_of_axis(removed_px, a) or 0.0) ** 2
-        shifts.append(_shift(pixel[..., k], light, variance, wave, removed_px2, smooth))
-    shift, doubt = np.stack(shifts, axis=-1)
+        shifts.append(_shift(pixel[..., k], light, variance, fringes, removed_px2, smooth))
+    shift, doubt, gain = np.stack(shifts, axis=-1)
     by = rate[..., columns]
     along, changed = (np.sum(s * by, axis=-1) / np.sum(by * by, axis=-1) for s in (shift, doubt))
     beside = _spread(np.abs(along) * ~inside, variance)
     left = np.where(ok, _left(changed, blur.relative_sigma * along, beside), np.nan)
-    gain = _noise_gain(float(np.median(variance[ok])))
     moved = cloud.xyz_mm * (1.0 - along / length)[..., None]
-    noise = gain * cloud.noise_mm
+    gains = np.sqrt(np.sum((by * gain) ** 2, axis=-1) / np.sum(by * by, axis=-1))
+    noise = gains * cloud.noise_mm
     grown = cloud.sigma_mm**2 + noise**2 - cloud.noise_mm**2
     return replace(
         cloud,
@@ -157,9 +169,30 @@ def remove_blur(
     )
 
 
-def _of_axis(value: Value | Mapping[Axis, Value] | None, axis: Axis) -> Value | None:
+def _of_axis(value: Any, axis: Axis) -> Any:
     """What is given for an axis, or for both."""
     return value.get(axis) if isinstance(value, Mapping) else value
+
+
+class _Fringes(NamedTuple):
+    """What coordinates are measured by."""
+
+    wave: float
+    """Phase per projector px that stands for all sets, rad."""
+    finest: float
+    """That of the finest set, whose modulation is known, rad."""
+    light_noise: float
+    """Relative noise of that modulation over the noise of the coordinate times ``wave``."""
+
+
+def _fringes(periods: Periods | None) -> _Fringes:
+    """Fringes of one period, or of the sets that a coordinate is the mean of: a set counts by the
+    inverse of its coordinate's variance, thus by the square of its phase per px, and its shift
+    changes by that square again. The relative noise of a modulation is that of its phase."""
+    given = np.array(LONG_PERIOD_PX if periods is None else periods, float)
+    squares = np.atleast_1d((2.0 * np.pi / given) ** 2)
+    wave = float(np.sqrt(np.sum(squares**2) / np.sum(squares)))
+    return _Fringes(wave, float(np.sqrt(squares.max())), float(np.sqrt(np.sum(squares)) / wave))
 
 
 def _left(changed: FloatMap, of_blur: FloatMap, beside: FloatMap) -> FloatMap:
@@ -201,15 +234,22 @@ def _shift(
     measured: FloatMap,
     light: FloatMap,
     variance: FloatMap,
-    wave: float,
+    fringes: _Fringes,
     removed_px2: float,
     smooth: _Smoothing,
-) -> tuple[FloatMap, FloatMap]:
-    """Shift of a coordinate by the blur, and how much the passes after the second changed it, each
-    (h, w), px. Beside the end of a surface and beside steps, where they changed more than the first
+) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """Shift of a coordinate by the blur, how much the passes after the second changed it, px, and
+    the noise of what comes out over that before, each (h, w).
+
+    Beside the end of a surface and beside steps, where the passes changed more than the first
     found, as in dark pixels beside bright ones, the sharp surface cannot be told: the shift is then
-    0. Inside a surface, such a change is noise."""
+    0. Inside a surface, such a change is noise.
+    """
     levels = _levels(variance)
+    wave, finest, noise = fringes
+    slope = np.minimum(np.hypot(*np.gradient(smooth(measured))), STEEPEST / wave)
+    # Blur fades the finest fringes more than those that the coordinates stand for.
+    light = light * np.exp(0.5 * variance * (finest**2 - wave**2) * slope**2)
     sharp, light_now, first, second = measured, light, measured, measured
     for k in range(PASSES):
         even = smooth(sharp)
@@ -230,7 +270,8 @@ def _shift(
             second = sharp
     changed = smooth(sharp - second)
     untold = ~smooth.whole & (np.abs(changed) > np.abs(first))
-    return np.where(untold, 0.0, measured - sharp), changed
+    gain = sum(share * _noise_gain(v, wave * slope, noise) for v, share in levels)
+    return np.where(untold, 0.0, measured - sharp), changed, np.asarray(gain)
 
 
 def _levels(variance: FloatMap) -> list[tuple[float, FloatMap | float]]:
@@ -278,18 +319,43 @@ def _spread(values: FloatMap, variance: FloatMap) -> FloatMap:
     return np.asarray(_blurred(values, float(np.mean(variance)) + window))
 
 
+def _noise_gain(variance: float, slope: FloatMap, light_noise: float) -> FloatMap:
+    """Noise of a corrected point over that before, inside a surface on which the phase changes by
+    ``slope`` from pixel to pixel, rad."""
+    at = np.linspace(0.0, STEEPEST, SLOPES)
+    by_phase, by_light = np.transpose([_gains(variance, float(a)) for a in at])
+    gains = 0.5 * np.log(by_phase + light_noise**2 * by_light)
+    return np.asarray(np.exp(np.interp(slope, at, gains)))
+
+
 @cache
-def _noise_gain(variance: float) -> float:
-    """Noise of a corrected point over that before, inside a surface."""
+def _gains(variance: float, slope: float) -> tuple[float, float]:
+    """Variance that comes of noise of variance 1 in the phase, and in the light: the means over a
+    frequency plane of what the passes make of them."""
     size = 64
-    at = np.minimum(np.arange(size), size - np.arange(size))
-    taps = np.exp(-0.5 * variance * (2.0 * np.pi * at / size) ** 2)
+    angle = 2.0 * np.pi * np.fft.fftfreq(size)
+    taps = _taps(variance)
+    order = np.arange(len(taps)) - len(taps) // 2
+
+    def passed(along: FloatMap) -> FloatMap:
+        return np.asarray(np.cos(np.multiply.outer(along, order)) @ taps)
+
+    down, still = passed(angle)[:, None], float(passed(np.array(slope)))
+    after, before = passed(angle + slope), passed(angle - slope)
+    own, other = down * (after + before) / (2 * still), down * (after - before) / (2j * still)
     one = np.zeros((size, size))
     one[0, 0] = 1.0
     window = np.fft.fft2(_parabola(one, "wrap"))
-    lost = (1.0 - np.outer(taps, taps)) * window
-    total = sum(lost**k for k in range(PASSES + 1))
-    return float(np.sqrt(np.mean(np.abs(total) ** 2)))
+    found = []
+    for phase, light in ((1.0, 0.0), (0.0, 1.0)):
+        sharp, light_now = (np.full((size, size), v, complex) for v in (phase, light))
+        for _ in range(PASSES):
+            even = window * sharp
+            seen = own * even + other * light_now
+            light_now = light_now + light - (own * light_now - other * even)
+            sharp = phase - (seen - even)
+        found.append(float(np.mean(np.abs(sharp) ** 2)))
+    return found[0], found[1]
 
 
 def _parabola(values: FloatMap, mode: str = "nearest") -> FloatMap:
@@ -333,16 +399,25 @@ class _Smoothing:
         few = np.count_nonzero(used, axis=1) < LEAST_POINTS
         few |= np.linalg.cond(normal) > 1e8
         normal[few] = np.eye(6)
-        weights = np.einsum("nj,nkj->nk", np.linalg.inv(normal)[:, 0], design)
-        weights[few] = (dx == 0) & (dy == 0)
-        self._weights = weights
+        inverse = np.linalg.inv(normal)[:, :3]
+        inverse[few] = 0.0
+        self._weights = np.einsum("nij,nkj->ink", inverse, design)
+        """Of the value and its slopes to the right and downwards."""
+        self._weights[0][few] = (dx == 0) & (dy == 0)
+        off = np.asarray(np.indices(ok.shape) - nearest, float)
+        off *= np.minimum(1.0, BEYOND_PX / np.maximum(np.hypot(*off), 1.0))
+        self._off = off
+        """Way from the nearest pixel of a surface, as far as its slope is used, (2, h, w), px."""
 
     def __call__(self, values: FloatMap) -> FloatMap:
-        """Smooth a map (h, w); beyond a surface goes on what is nearest."""
+        """Smooth a map (h, w); beyond a surface it goes on by the slope where it ends."""
         found = np.where(self.whole, _parabola(values), values)
-        beside = np.einsum("nk,nk->n", self._weights, values.ravel()[self._at])
-        found[self._rows, self._columns] = beside
-        return np.asarray(found[self._nearest])
+        beside = np.einsum("ink,nk->in", self._weights, values.ravel()[self._at])
+        slopes = np.zeros((2, *values.shape))
+        found[self._rows, self._columns], slopes[1, self._rows, self._columns] = beside[:2]
+        slopes[0, self._rows, self._columns] = beside[2]
+        down, right = slopes[:, *self._nearest]
+        return np.asarray(found[self._nearest] + self._off[0] * down + self._off[1] * right)
 
 
 def _linked(

@@ -123,7 +123,7 @@ def calibrated(true: fw.Rig, rng: Any, light: dict[str, Any]) -> fw.Rig:
     poses = board_poses(BOARD, int(rng.integers(8, 15)), seed=int(rng.integers(1e6)))
     plan = fringe_plan(true, both=True)
     stacks = [
-        (f"pose{k}", Photographs(true, [Print(T, waves, bow)], over=2).stack(plan, seed=k, **light))
+        (f"pose{k}", Photographs(true, [Print(T, waves, bow)], over=3).stack(plan, seed=k, **light))
         for k, T in enumerate(poses)
     ]
     return fw.calibrate(stacks, KIND).rig

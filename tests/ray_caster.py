@@ -161,8 +161,9 @@ class Photographs:
         light = light.reshape(h, n, w, n).mean(axis=(1, 3))
         return light[self.margin : -self.margin, self.margin : -self.margin].astype(float)
 
-    def stack(self, plan, *, blur_px, defocus_px=0.6, noise=1.0, seed=0):
-        """Frames of a plan of fringes without gamma, 8 bit; ``blur_px`` without the pixels' own."""
+    def stack(self, plan, *, blur_px, defocus_px=0.6, noise=1.0, seed=0, levels=1):
+        """Frames of a plan of fringes without gamma, 8 bit; ``blur_px`` without the pixels' own.
+        With more ``levels`` for each count, 16 bit."""
         rng = np.random.default_rng(seed)
         even = self._seen(self.ambient, blur_px)
         flat = self._seen(self.light, blur_px)
@@ -177,5 +178,5 @@ class Photographs:
                 fringes = flat + np.cos(shift) * cosine + np.sin(shift) * sine
                 clean = even + 3.0 + 0.5 * fringes
                 frames.append(clean + noise * rng.standard_normal(clean.shape))
-        counts = np.clip(np.rint(frames), 0, 255).astype(np.uint8)
-        return fw.Stack(counts, plan)
+        counts = np.clip(np.rint(np.multiply(frames, levels)), 0, 256 * levels - 1)
+        return fw.Stack(counts.astype(np.uint8 if levels == 1 else np.uint16), plan)

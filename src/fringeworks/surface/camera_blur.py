@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fringeworks import _core
 from fringeworks.rig.pinhole import project, transform
 from fringeworks.surface.clean import inside_surface
 from fringeworks.surface.cloud import LONG_SIDE
@@ -145,12 +146,12 @@ def remove_blur(
     rate = (_projected(rig, xyz * (1.0 + STEP)) - pixel) / (STEP * length[..., None])
     inside = inside_surface(cloud)
     smooth = _Smoothing(cloud, ok, inside, nearest)
-    columns = ["xy".index(a) for a in axes]
-    shifts = []
+    columns, shifts = ["xy".index(a) for a in axes], []
     for a, k, light in zip(axes, columns, lights, strict=True):
         fringes = _fringes(_of_axis(period_px, a))
-        removed_px2 = (_of_axis(removed_px, a) or 0.0) ** 2
-        shifts.append(_shift(pixel[..., k], light, variance, fringes, removed_px2, smooth))
+        given = pixel[..., k]
+        removed = _at_edges(given, ok, light, fringes, _of_axis(removed_px, a) or 0.0)
+        shifts.append(_shift(given, given + removed, light, variance, fringes, smooth))
     shift, doubt, gain = np.stack(shifts, axis=-1)
     by = rate[..., columns]
     along, changed = (np.sum(s * by, axis=-1) / np.sum(by * by, axis=-1) for s in (shift, doubt))
@@ -231,15 +232,15 @@ def _projected(rig: Rig, xyz: FloatMap) -> FloatMap:
 
 
 def _shift(
+    given: FloatMap,
     measured: FloatMap,
     light: FloatMap,
     variance: FloatMap,
     fringes: _Fringes,
-    removed_px2: float,
     smooth: _Smoothing,
 ) -> tuple[FloatMap, FloatMap, FloatMap]:
-    """Shift of a coordinate by the blur, how much the passes after the second changed it, px, and
-    the noise of what comes out over that before, each (h, w).
+    """What the blur has left in a coordinate as given, how much the passes after the second changed
+    it, px, and the noise of what comes out over that before, each (h, w).
 
     Beside the end of a surface and beside steps, where the passes changed more than the first
     found, as in dark pixels beside bright ones, the sharp surface cannot be told: the shift is then
@@ -259,8 +260,6 @@ def _shift(
         for v, share in levels:
             seen += share * _blurred(own, v)
         shift = np.angle(seen / back) / wave
-        if removed_px2 > 0:
-            shift -= _at_edges(even, light, removed_px2)
         sharp = measured - shift
         if k == 0:
             first = shift
@@ -271,7 +270,7 @@ def _shift(
     changed = smooth(sharp - second)
     untold = ~smooth.whole & (np.abs(changed) > np.abs(first))
     gain = sum(share * _noise_gain(v, wave * slope, noise) for v, share in levels)
-    return np.where(untold, 0.0, measured - sharp), changed, np.asarray(gain)
+    return np.where(untold, 0.0, given - sharp), changed, np.asarray(gain)
 
 
 def _levels(variance: FloatMap) -> list[tuple[float, FloatMap | float]]:
@@ -284,11 +283,18 @@ def _levels(variance: FloatMap) -> list[tuple[float, FloatMap | float]]:
     return [(float(v), np.maximum(1.0 - np.abs(place - k), 0.0)) for k, v in enumerate(at)]
 
 
-def _at_edges(even: FloatMap, light: FloatMap, variance: float) -> FloatMap:
-    """The shift at edges of brightness that ``decode`` has removed: v ∇ln B · ∇u with the measured,
-    blurred light B, px."""
-    slopes = zip(np.gradient(np.log(light)), np.gradient(even), strict=True)
-    return np.asarray(variance * sum(a * b for a, b in slopes))
+def _at_edges(
+    given: FloatMap, ok: BoolMap, light: FloatMap, fringes: _Fringes, removed_px: float
+) -> FloatMap:
+    """The shift at edges of brightness that ``decode`` has removed, px, by the same kernel."""
+    shift, slope = np.zeros((2, *given.shape), np.float32)
+    if removed_px > 0:
+        # As in ``decode``, the noise of a coordinate goes by the inverse of its light.
+        maps = (np.where(ok, given, np.nan), np.where(ok, 1.0 / light, np.nan), np.log(light))
+        coordinate, sigma, bright = (values.astype(np.float32) for values in maps)
+        steps: _core._EdgeSteps = {"most": np.pi / fringes.finest, "repeats": np.inf}
+        _core.blur_shift(coordinate, sigma, bright, steps, shift, slope)
+    return np.asarray(removed_px**2 * np.nan_to_num(shift), np.float64)
 
 
 @cache

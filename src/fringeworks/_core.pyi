@@ -37,6 +37,7 @@ __all__ = [
     "median_of_nine",
     "moving_means",
     "optimised",
+    "pack_vertices",
     "phase_residuals",
     "quantiles",
     "raise_factors",
@@ -272,6 +273,21 @@ def raise_factors(
     scale: _Scale,
     limits: _ScatterLimits,
 ) -> None: ...
+def pack_vertices(
+    xyz: NDArray[np.float32],
+    sigma: NDArray[np.float32],
+    noise: NDArray[np.float32],
+    reason: NDArray[np.uint8],
+    shade: NDArray[np.float32] | None = None,
+    *,
+    scale: float = 1.0,
+) -> NDArray[np.uint8]:
+    """Bytes of the points whose reason is 0, row after row: x, y, z, σ, noise, float32; with a
+    shade also red, green and blue, uint8, which is the shade times ``scale``.
+
+    ``xyz`` is (h, 3 w); ``shade`` is brightness (h, w) or colour (h, 3 w).
+    """
+
 def read_grey_png(content: bytes) -> NDArray[Any] | None:
     """uint8 or uint16, row after row; ``None`` for PNG that are not plain grey."""
 

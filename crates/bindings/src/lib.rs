@@ -15,6 +15,7 @@ mod rows;
 mod sample;
 mod threads;
 mod unwrap;
+mod vertices;
 mod vote;
 mod windowed;
 
@@ -53,6 +54,8 @@ mod _core {
 
     #[pymodule_export]
     use super::unwrap::{average_phasor, count_residues, unwrap_reliability, wavelet_ridge_rows};
+    #[pymodule_export]
+    use super::vertices::pack_vertices;
     #[pymodule_export]
     use super::vote::vote_orders;
     #[pymodule_export]

@@ -19,6 +19,7 @@ pub mod scatter;
 mod spline;
 pub mod triangulate;
 pub mod unwrap;
+pub mod vertices;
 pub mod vote;
 pub mod wavelet;
 pub mod windowed;

@@ -8,9 +8,9 @@ from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from fringeworks._lazy import scipy
 from fringeworks.rig.pinhole import project, transform
 from fringeworks.surface.clean import inside_surface
 from fringeworks.surface.cloud import LONG_SIDE

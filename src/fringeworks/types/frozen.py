@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from itertools import combinations
@@ -41,7 +42,8 @@ class Frozen:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, np.ma.MaskedArray):
+            # Naming the type would load its module, 10 ms: without it there is no such array.
+            if "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray):
                 value = unmasked(value, field.name)
             object.__setattr__(self, field.name, _owned(value))
         check_layout(vars(self), self.layout)

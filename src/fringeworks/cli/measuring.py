@@ -7,6 +7,7 @@ says no more than what is read and what is written is therefore answered without
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -37,12 +38,15 @@ def measure_points(
     options = how.options
     with output.progress() as progress:
         progress("reading …")
-        from fringeworks.files.rig import read_rig
+        with ThreadPoolExecutor(1) as ahead:
+            # Frames are decompressed without the interpreter's lock, while modules load.
+            reading = ahead.submit(how.read_captured, stack)
+            from fringeworks.files.rig import read_rig
+            from fringeworks.pipeline.stacks import measure
 
-        loaded, calibrated = how.read_captured(stack), read_rig(rig_file)
+            loaded = reading.result()
+        calibrated = read_rig(rig_file)
         progress("measuring …")
-        from fringeworks.pipeline.stacks import measure
-
         found = measure(loaded, calibrated, **known, **options)
     del loaded
     # Without the maps of coordinates and their memory, where nothing draws them.

@@ -74,7 +74,6 @@ class ShowOptions:
     ) -> None:
         """Write the points of a measurement and what else is asked for, and say what they are."""
         from fringeworks.files.points import write_points
-        from fringeworks.report.summary import summarise
         from fringeworks.types import PointCloud
 
         points = found if isinstance(found, PointCloud) else found.points
@@ -83,6 +82,8 @@ class ShowOptions:
                 write_points(place, points, kind=ply)
         if output.is_quiet() and not self.draws and self.json_file is None:
             return  # nobody sees the figures
+        from fringeworks.report.summary import summarise
+
         figures = summarise(points)
         self.write(found, figures, name=name, provenance=points.provenance, rig=rig)
         words.tell(points, figures)

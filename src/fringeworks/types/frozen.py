@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from itertools import combinations
@@ -12,7 +11,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.types.checks import check_layout, unmasked
+from fringeworks.types.checks import check_layout, masks_exist, unmasked
 from fringeworks.types.errors import InputError
 
 SHOWN_ITEMS = 6
@@ -42,8 +41,7 @@ class Frozen:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            # Naming the type would load its module, 10 ms: without it there is no such array.
-            if "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray):
+            if masks_exist() and isinstance(value, np.ma.MaskedArray):
                 value = unmasked(value, field.name)
             object.__setattr__(self, field.name, _owned(value))
         check_layout(vars(self), self.layout)

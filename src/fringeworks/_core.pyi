@@ -27,6 +27,8 @@ __all__ = [
     "edge_rings",
     "fit_samples",
     "fitted_inside",
+    "form_distances",
+    "form_moments",
     "gram",
     "interpolate_linear",
     "invert_rows",
@@ -320,6 +322,20 @@ def fitted_inside(
     high: float,
 ) -> NDArray[np.bool_]:
     """Mark the fitted samples of A, c and s between two limits, (frames, n)."""
+
+def form_distances(
+    body: str, values: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Signed distances of points (n, 3) from a plane, sphere or cylinder."""
+
+def form_moments(
+    body: str,
+    values: NDArray[np.float64],
+    points: NDArray[np.float64],
+    weight: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Sums of the products of the derivatives of the weighted distances by the body's values, and
+    of the distances as the last, (values + 1, values + 1)."""
 
 def gram(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sums of the products of all pairs of rows of a (P, n) array, (P, P)."""

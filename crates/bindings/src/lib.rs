@@ -6,6 +6,7 @@ mod decode;
 mod edges;
 mod emd;
 mod filters;
+mod form;
 mod inverse;
 mod isolated;
 mod measure;
@@ -36,6 +37,8 @@ mod _core {
         area_means, box_means, interpolate_linear, median_of_nine, moving_means, weighted_sums,
         widen,
     };
+    #[pymodule_export]
+    use super::form::{form_distances, form_moments};
     #[pymodule_export]
     use super::inverse::{invert_rows, row_extrema};
     #[pymodule_export]

@@ -7,6 +7,7 @@ pub mod decode;
 pub mod edges;
 pub mod emd;
 pub mod filters;
+pub mod form;
 mod image;
 pub mod inverse;
 pub mod isolated;

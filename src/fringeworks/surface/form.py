@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks import _core
 from fringeworks.statistics.quantiles import robust_sigma
 from fringeworks.surface.form_geometry import GEOMETRIES, BodyKind, FormGeometry
 from fringeworks.types import (
@@ -66,8 +67,6 @@ MORE_DAMPING = 10.0
 """Factor of the damping after a step that failed, and of its decrease after one that did not."""
 SETTLED = 1e-12
 """Relative change of the squared distances below which a fit has converged."""
-BAND = 8192
-"""Number of points whose derivatives are computed at a time, so that they stay in the caches."""
 ROUNDING = 1e-6
 """Smallest standard deviation of points in sizes of the cloud: single precision of files, for a
 cloud at a distance of ten sizes."""
@@ -273,13 +272,13 @@ def fit_region(
     values, unit, used = found.values, found.unit, found.used
     kept = far.size - int(DISCARDED * far.size)
     for _ in range(FIT_ROUNDS):
-        size = np.abs(GEOMETRIES[body].distance(values, found.scaled)) * weight
+        size = np.abs(_core.form_distances(body, values, found.scaled)) * weight
         before, used = used, np.zeros(far.size, bool)
         used[np.argpartition(size, kept - 1)[:kept]] = True
         if np.array_equal(before, used):
             break
         values, unit = _refine(values, found.scaled, weight, used, GEOMETRIES[body])
-    distance = GEOMETRIES[body].distance(values, found.scaled)
+    distance = _core.form_distances(body, values, found.scaled)
     found = found._replace(values=values, unit=unit, distance=distance, used=used)
     return _form(body, found, common_mm, region=np.ones(far.size, bool), far=far)
 
@@ -388,13 +387,13 @@ def _fit(
     values = start
     unit: FloatMap = np.zeros((len(start), len(start)))
     used = np.zeros(len(scaled), bool)
-    distance = geometry.distance(values, scaled)
+    distance = _core.form_distances(geometry.kind, values, scaled)
     for _ in range(FIT_ROUNDS):
         before, used = used, np.abs(distance) * weight <= FAR_SIGMAS * max(spread, ROUNDING)
         if used.sum() < MIN_POINTS:
             return None
         values, unit = _refine(values, scaled, weight, used, geometry)
-        distance = geometry.distance(values, scaled)
+        distance = _core.form_distances(geometry.kind, values, scaled)
         spread = robust_sigma((distance * weight)[used])
         if np.array_equal(before, used):
             break
@@ -439,12 +438,7 @@ def _normal(
 ) -> tuple[float, FloatMap, FloatMap]:
     """Sum of the squared weighted distances, half its derivative by the body's values, and the
     matrix of the normal equations."""
-    moments = np.zeros((values.size + 1, values.size + 1))
-    for start in range(0, len(points), BAND):
-        band = slice(start, start + BAND)
-        rows = geometry.rows(values, points[band])
-        rows *= weight[band, None]
-        moments += rows.T @ rows
+    moments = _core.form_moments(geometry.kind, values, points, weight)
     return float(moments[-1, -1]), moments[-1, :-1], moments[:-1, :-1]
 
 

@@ -372,7 +372,10 @@ def test_kernels_agree_with_their_twins(body, count):
     points, weight = rng.normal(size=(count, 3)), rng.uniform(0.1, 3.0, count)
     away = _core.form_distances(body, values, points)
     np.testing.assert_allclose(away, distances(body, values, points), rtol=0, atol=1e-13)
-    sums, expected = _core.form_moments(body, values, points, weight), moments(body, values, points, weight)
+    sums, expected = (
+        _core.form_moments(body, values, points, weight),
+        moments(body, values, points, weight),
+    )
     size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert (np.abs(sums - expected) <= 1e-13 * size).all()
     assert np.array_equal(sums, sums.T)

@@ -45,6 +45,7 @@ __all__ = [
     "raise_factors",
     "read_grey_png",
     "relocate_surfaces",
+    "robust_fit",
     "row_envelopes",
     "row_extrema",
     "second_magnitudes",
@@ -99,6 +100,14 @@ def count_residues(phase: NDArray[np.float32], mask: NDArray[np.uint8]) -> int: 
 def average_phasor(
     phase: NDArray[np.float32], weight: NDArray[np.float32], *, sigma: float, reach: int
 ) -> NDArray[np.complex64]: ...
+
+class _Reweighting(TypedDict):
+    fits: int
+    """The first half goes towards least absolute deviations, the others have Tukey's weights."""
+    least: float
+    """Lower bound on a deviation in the weights for least absolute deviations, over the scatter."""
+    most: float
+    """Deviation beyond which a value has no weight, over the scatter."""
 
 class _AlbedoModel(TypedDict):
     value: NDArray[np.float32]
@@ -323,19 +332,29 @@ def fitted_inside(
 ) -> NDArray[np.bool_]:
     """Mark the fitted samples of A, c and s between two limits, (frames, n)."""
 
-def form_distances(
-    body: str, values: NDArray[np.float64], points: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def form_distances(body: str, values: NDArray[Any], points: NDArray[Any]) -> NDArray[np.float64]:
     """Signed distances of points (n, 3) from a plane, sphere or cylinder."""
 
 def form_moments(
     body: str,
-    values: NDArray[np.float64],
-    points: NDArray[np.float64],
-    weight: NDArray[np.float64],
+    values: NDArray[Any],
+    points: NDArray[Any],
+    weight: NDArray[Any],
 ) -> NDArray[np.float64]:
     """Sums of the products of the derivatives of the weighted distances by the body's values, and
     of the distances as the last, (values + 1, values + 1)."""
+
+def robust_fit(
+    design: NDArray[Any],
+    values: NDArray[Any],
+    certainty: NDArray[Any],
+    how: _Reweighting,
+) -> tuple[NDArray[np.float64], float, NDArray[np.float64], NDArray[np.float64]]:
+    """Coefficients of a linear model, scatter of the values about it, the normal matrices of all
+    fits (fits, coefficients²), and the weights of the last one.
+
+    ``design`` has a row for each coefficient, ``certainty`` is one over each value's σ.
+    """
 
 def gram(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sums of the products of all pairs of rows of a (P, n) array, (P, P)."""

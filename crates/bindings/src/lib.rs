@@ -51,8 +51,9 @@ mod _core {
     use super::rig::{Triangles, Triangulation};
     #[pymodule_export]
     use super::sample::{
-        fit_samples, fitted_inside, gram, phase_residuals, quantiles, second_magnitudes,
-        similar_groups, smooth_windows, third_chi_squares, trimmed_variance, window_sums,
+        fit_samples, fitted_inside, gram, phase_residuals, quantiles, robust_fit,
+        second_magnitudes, similar_groups, smooth_windows, third_chi_squares, trimmed_variance,
+        window_sums,
     };
 
     #[pymodule_export]

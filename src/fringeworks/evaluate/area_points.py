@@ -145,7 +145,9 @@ def sigma_of(terms: Sequence[Term]) -> float:
     by_rig: FloatMap | float = 0.0
     for area, weights, direction in terms:
         change = weights * _along(area.by_value, direction)
-        variance += float(np.sum((change * area.noise) ** 2))
+        if area.noise.any():
+            noise = change * area.noise
+            variance += float(noise @ noise)
         blur += float(change @ area.blur)
         if area.by_rig is None:
             variance += float(np.sum(np.bincount(area.patch, change * area.common) ** 2))

@@ -317,11 +317,16 @@ def _checked(points_mm: FloatMap, body: str) -> tuple[FloatMap, FormGeometry]:
     if np.asarray(points_mm).dtype.kind not in NUMBERS:
         raise InputError(f"points: expected real numbers, got {np.asarray(points_mm).dtype}")
     points = np.asarray(points_mm, np.float64)
-    if points.ndim != 2 or points.shape[1] != 3 or not (np.abs(points) <= LARGEST).all():
+    if points.ndim != 2 or points.shape[1] != 3 or not _bounded(points):
         raise InputError(f"points: expected finite (n, 3), got shape {points.shape}")
     if len(points) < MIN_POINTS:
         raise InputError(f"fit: expected {MIN_POINTS} points or more, got {len(points)}")
     return points, GEOMETRIES[body]
+
+
+def _bounded(values: FloatMap) -> bool:
+    """Whether all values are finite, and not beyond ``LARGEST``."""
+    return not values.size or bool(values.min() >= -LARGEST and values.max() <= LARGEST)
 
 
 def _weights(sigma_mm: FloatMap | None, n: int) -> FloatMap:
@@ -410,7 +415,7 @@ def _refine(
     """
     every = max(1, int(used.sum()) // REFINED_POINTS)
     index = np.flatnonzero(used)[::every]
-    part, part_weight = points[index], weight[index]
+    part, part_weight = points.take(index, axis=0), weight.take(index)
     values, damping = start, 0.0
     cost, slope, normal = _normal(values, part, part_weight, geometry)
     for _ in range(MAX_STEPS):

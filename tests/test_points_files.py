@@ -9,7 +9,7 @@ from fringeworks import _core
 from fringeworks.files import points
 from fringeworks.files.white import WHITE, eight_bits, white_of
 from fringeworks.types import Reason
-from tests.test_npz import a_cloud
+from tests.measured_clouds import a_cloud
 
 
 def by_numpy(cloud):

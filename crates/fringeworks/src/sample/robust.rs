@@ -65,8 +65,7 @@ pub fn robust_fit(
     let (count, length) = design.shape();
     check_length("values", values.len(), length)?;
     check_length("certainty", certainty.len(), length)?;
-    let few = (1..=MOST_COEFFICIENTS).contains(&count);
-    check_value("design", few, "1 to 16 coefficients", count)?;
+    check_coefficients(count)?;
     let mut found = Robust {
         coefficients: vec![f64::NAN; count],
         scatter: 0.0,
@@ -89,8 +88,8 @@ pub fn robust_fit(
             certainty,
             &mut deviation,
         );
-        found.scatter = (MAD_TO_SIGMA * median(&deviation)).max(LEAST_SCATTER);
-        let scatter = found.scatter;
+        let scatter = (MAD_TO_SIGMA * median(&deviation)).max(LEAST_SCATTER);
+        found.scatter = scatter;
         let weights = found.weight.iter_mut().zip(certainty).zip(&deviation);
         if fit < how.fits / 2 {
             // Outliers of any size lose their influence.
@@ -103,6 +102,12 @@ pub fn robust_fit(
         }
     }
     Ok(found)
+}
+
+/// Refuse a model of none or of many coefficients.
+fn check_coefficients(count: usize) -> Result<(), Error> {
+    let few = (1..=MOST_COEFFICIENTS).contains(&count);
+    check_value("design", few, "1 to 16 coefficients", count)
 }
 
 /// The rows of the design times the squared weights.

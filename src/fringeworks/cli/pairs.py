@@ -203,7 +203,9 @@ def reconstruct(
     with output.progress() as progress:
         progress(f"{method} …")
         if on_rig.rig is not None:
-            show.write_points(words, *on_rig.measure(pair, method, **options), out, ply, name=name)
+            show.write_points(
+                words, *on_rig.measure(pair, method, **options), out, ply.value, name=name
+            )
             words.wrote(out, show.figure, show.report)
             return
         result = fw.reconstruct(pair, method, geometry=known, **options)

@@ -199,19 +199,17 @@ def reconstruct(
         "zero": zero.value,
         **_method_options(method, option or []),
     }
-    name = _name(capture, object)
+    name, kind = _name(capture, object), ply.value
     with output.progress() as progress:
         progress(f"{method} …")
         if on_rig.rig is not None:
-            show.write_points(
-                words, *on_rig.measure(pair, method, **options), out, ply.value, name=name
-            )
+            show.write_points(words, *on_rig.measure(pair, method, **options), out, kind, name=name)
             words.wrote(out, show.figure, show.report)
             return
         result = fw.reconstruct(pair, method, geometry=known, **options)
     if out is not None:
         with output.target(out, ".tif") as place:
-            fw.files.write_surface(place, result.surface, ply=ply.value)
+            fw.files.write_surface(place, result.surface, ply=kind)
     figures = _figures(result, pair)
     show.write(result, figures, name=name, provenance=result.surface.provenance)
     words.tell(result, figures)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 
@@ -26,7 +26,7 @@ from fringeworks.cli.options import (
     depth_of,
     items,
 )
-from fringeworks.cli.showing import ShowOptions
+from fringeworks.cli.showing import PlyKind, ShowOptions
 
 SECTION = "Two frames"
 
@@ -199,7 +199,7 @@ def reconstruct(
         "zero": zero.value,
         **_method_options(method, option or []),
     }
-    name, kind = _name(capture, object), ply.value
+    name, kind = _name(capture, object), cast("PlyKind", ply.value)
     with output.progress() as progress:
         progress(f"{method} …")
         if on_rig.rig is not None:

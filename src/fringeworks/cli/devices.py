@@ -243,7 +243,7 @@ def scan(
     with opened(devices, plan) as bench:
         _take(bench, folder, how)
     found = fw.measure(folder, known)
-    show.write_points(words, found, known, out, ply.value, name=folder.name)
+    show.write_points(words, found, known, out, ply, name=folder.name)
     words.wrote(folder, out, *show.targets)
 
 

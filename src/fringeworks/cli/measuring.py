@@ -13,7 +13,7 @@ from typing import Any
 
 from fringeworks.cli import output
 from fringeworks.cli.decoding import DecodingOptions
-from fringeworks.cli.showing import PlyKind, ShowOptions
+from fringeworks.cli.showing import ShowOptions
 
 QUIET = ("--quiet", "-q")
 """The option of all commands that a plain call may have."""
@@ -25,7 +25,7 @@ def measure_points(
     out: Path | None,
     how: DecodingOptions,
     show: ShowOptions,
-    ply: PlyKind = "points",
+    ply: str = "points",
     **known: Any,
 ) -> None:
     """Measure the points of a capture, write them, and say what they are.

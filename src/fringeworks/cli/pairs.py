@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import typer
 
@@ -26,7 +26,7 @@ from fringeworks.cli.options import (
     depth_of,
     items,
 )
-from fringeworks.cli.showing import PlyKind, ShowOptions
+from fringeworks.cli.showing import ShowOptions
 
 SECTION = "Two frames"
 
@@ -199,17 +199,17 @@ def reconstruct(
         "zero": zero.value,
         **_method_options(method, option or []),
     }
-    name, kind = _name(capture, object), cast("PlyKind", ply.value)
+    name = _name(capture, object)
     with output.progress() as progress:
         progress(f"{method} …")
         if on_rig.rig is not None:
-            show.write_points(words, *on_rig.measure(pair, method, **options), out, kind, name=name)
+            show.write_points(words, *on_rig.measure(pair, method, **options), out, ply, name=name)
             words.wrote(out, show.figure, show.report)
             return
         result = fw.reconstruct(pair, method, geometry=known, **options)
     if out is not None:
         with output.target(out, ".tif") as place:
-            fw.files.write_surface(place, result.surface, ply=kind)
+            fw.files.write_surface(place, result.surface, ply=ply.value)
     figures = _figures(result, pair)
     show.write(result, figures, name=name, provenance=result.surface.provenance)
     words.tell(result, figures)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import fringeworks as fw
 from fringeworks.cli import output
@@ -68,7 +68,7 @@ class ShowOptions:
         found: fw.Measurement | fw.PointCloud,
         rig: fw.Rig,
         out: Path | None,
-        ply: PlyKind,
+        ply: str,
         *,
         name: str | None,
     ) -> None:
@@ -79,7 +79,7 @@ class ShowOptions:
         points = found if isinstance(found, PointCloud) else found.points
         if out is not None:
             with output.target(out, ".ply") as place:
-                write_points(place, points, kind=ply)
+                write_points(place, points, kind=cast("PlyKind", str(ply)))
         if output.is_quiet() and not self.draws and self.json_file is None:
             return  # nobody sees the figures
         from fringeworks.report.summary import summarise

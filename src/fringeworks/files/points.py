@@ -157,16 +157,19 @@ def _packed(
     cloud: PointCloud, white: float | None, vertex: np.dtype[Any]
 ) -> Iterator[NDArray[Any]]:
     """Vertices without normals, of maps in single precision, by a kernel."""
-    scale = {} if white is None else {"scale": WHITE / white}
-
-    def rows(values: NDArray[Any], top: int) -> NDArray[Any]:
-        band = values[top : top + BAND_ROWS]
-        return np.ascontiguousarray(band.reshape(len(band), -1))
-
+    scale = 1.0 if white is None else WHITE / white
     for top in range(0, len(cloud.reason), BAND_ROWS):
-        shade = None if white is None else rows(np.asarray(cloud.colour), top)
+        band = slice(top, top + BAND_ROWS)
+        shade = None if white is None else _flat(np.asarray(cloud.colour)[band])
         maps = (cloud.xyz_mm, cloud.sigma_mm, cloud.noise_mm, cloud.reason)
-        yield _core.pack_vertices(*(rows(m, top) for m in maps), shade, **scale).view(vertex)
+        xyz, sigma, noise, reason = (_flat(m[band]) for m in maps)
+        packed = _core.pack_vertices(xyz, sigma, noise, reason, shade, scale=scale)
+        yield packed.view(vertex)
+
+
+def _flat(band: NDArray[Any]) -> NDArray[Any]:
+    """Rows of a map as kernels take them: all values of a row in one."""
+    return np.ascontiguousarray(band.reshape(len(band), -1))
 
 
 def _write_xyz(path: Path, cloud: PointCloud, _: Kind) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from benchmarks import (  # noqa: F401
     decoding,
+    evaluating,
     files,
     growth,
     inversion,

@@ -88,6 +88,7 @@ def files_to_points() -> list[Result]:
                 ours("measure", place / "capture", "--rig", place / "rig.toml", "--out", mine),
                 ran(SCRIPT / "points.py", place / "capture", place / "rig.npz", theirs),
                 accuracy=lambda own: off(mine if own else theirs),
+                limit_seconds=0.4,
             )
         )
 

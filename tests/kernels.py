@@ -48,6 +48,7 @@ for name in kernels:
     setattr(_core, name, counted(name, getattr(_core, name)))
 
 from fringeworks.simulate.bodies import height_field
+from fringeworks.surface.form import fit_form
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.scene import standard_scene
@@ -89,6 +90,15 @@ def results():
     layout = fringe_plan(rig)
     found.append(fw.rig.Triangulator(rig).triangulate(
         fw.decode(list(photograph(view, layout, Optics())), layout)))
+    cloud = found[-1]
+    flat = cloud.xyz_mm.reshape(len(cloud.reason), -1)
+    found.append(_core.pack_vertices(flat, cloud.sigma_mm, cloud.noise_mm, cloud.reason))
+    ball = np.random.default_rng(1).normal(size=(300, 3))
+    ball *= 20.0 / np.linalg.norm(ball, axis=1, keepdims=True)
+    found.append(fit_form(ball, "sphere").distance_mm)
+    powers = np.vander(np.linspace(-1, 1, 200), 3).T.copy()
+    found.append(_core.robust_fit(
+        powers, np.sin(7 * powers[1]), np.ones(200), {"fits": 12, "least": 0.1, "most": 4.7})[0])
     live = fw.stack.Decoder(plan_of(), rig_of().camera.shape, rig=rig_of())
     for seed in range(2):
         found.append(live.points(captured(plan_of(), rig_of(), seed=seed)).reason.copy())

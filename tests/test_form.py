@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from fringeworks import HeightMap, InputError, fit, reconstruct
+from fringeworks import HeightMap, InputError, _core, fit, reconstruct
 from fringeworks.files import (
     read_capture,
     read_reference_plane,
@@ -25,7 +25,7 @@ from fringeworks.surface.form_geometry import GEOMETRIES
 from fringeworks.surface.form_report import find_spheres, report
 from fringeworks.surface.height_map import height_map_points
 from tests.grids import thinned
-from tests.oracles.form import distances, refined
+from tests.oracles.form import ROWS, distances, moments, refined
 
 RNG = np.random.default_rng(0)
 
@@ -351,7 +351,7 @@ def test_derivatives_of_distances_are_exact(body):
     geometry = GEOMETRIES[body]
     values = rng.normal(size={"plane": 4, "sphere": 4, "cylinder": 7}[body])
     points = rng.normal(size=(50, 3))
-    rows = geometry.rows(values, points)
+    rows = ROWS[body](values, points)
     np.testing.assert_allclose(rows[:, -1], distances(body, values, points), atol=1e-12)
     np.testing.assert_allclose(rows[:, -1], geometry.distance(values, points), atol=1e-7)
     for k in range(values.size):
@@ -362,6 +362,34 @@ def test_derivatives_of_distances_are_exact(body):
         np.testing.assert_allclose(rows[:, k], slope, atol=1e-7)
     for still in geometry.free(values):
         assert np.abs(rows[:, :-1] @ still).max() < 1e-12
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 9, 5000])
+@pytest.mark.parametrize("body", ["plane", "sphere", "cylinder"])
+def test_kernels_agree_with_their_twins(body, count):
+    rng = np.random.default_rng(count)
+    values = rng.normal(size={"plane": 4, "sphere": 4, "cylinder": 7}[body])
+    points, weight = rng.normal(size=(count, 3)), rng.uniform(0.1, 3.0, count)
+    away = _core.form_distances(body, values, points)
+    np.testing.assert_allclose(away, distances(body, values, points), rtol=0, atol=1e-13)
+    sums, expected = (
+        _core.form_moments(body, values, points, weight),
+        moments(body, values, points, weight),
+    )
+    size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    assert (np.abs(sums - expected) <= 1e-13 * size).all()
+    assert np.array_equal(sums, sums.T)
+
+
+def test_kernels_refuse_what_is_no_body():
+    with pytest.raises(ValueError, match="plane, sphere or cylinder"):
+        _core.form_distances("cone", np.zeros(4), np.zeros((3, 3)))
+    with pytest.raises(ValueError, match="values: expected 7 values"):
+        _core.form_distances("cylinder", np.zeros(4), np.zeros((3, 3)))
+    with pytest.raises(ValueError, match="points: expected shape"):
+        _core.form_distances("plane", np.ones(4), np.zeros((3, 2)))
+    with pytest.raises(ValueError, match="weight: expected 3 values"):
+        _core.form_moments("plane", np.ones(4), np.zeros((3, 3)), np.ones(2))
 
 
 @pytest.mark.parametrize(

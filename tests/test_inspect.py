@@ -11,6 +11,7 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.cli.commands import run
+from fringeworks.evaluate import inspect as inspect_module
 from fringeworks.evaluate.area_points import area_points
 from fringeworks.evaluate.inspect import decide, masked
 from fringeworks.evaluate.quantities import MEASURED, Quantified
@@ -18,6 +19,7 @@ from fringeworks.rig.pinhole import rotation
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.scene import standard_scene
+from fringeworks.types import Area, PartTolerance, PointCloud, Recipe
 from fringeworks.types.recipe import QUANTITIES
 from tests.inspected import AREAS, TRUE, measured, points, scene, step
 
@@ -396,3 +398,34 @@ def test_one_rig_errs_alike_everywhere():
     )
     found = MEASURED["sphere_spacing"](one, other)
     assert found.sigma == pytest.approx(0.01 * found.value, rel=0.05)
+
+
+def test_quantities_side_by_side_are_those_one_by_one(monkeypatch):
+    rng = np.random.default_rng(8)
+    y, x = 0.1 * np.mgrid[:120, :160]
+    z = np.where(x < 8.0, 500.0 + 0.01 * x, 495.0) + rng.normal(0.0, 0.005, x.shape)
+    cloud = PointCloud(
+        xyz_mm=np.stack((x, y, z), axis=-1).astype(np.float32),
+        sigma_mm=np.full(x.shape, 0.01, np.float32),
+        noise_mm=np.full(x.shape, 0.005, np.float32),
+        reason=np.zeros(x.shape, np.uint8),
+    )
+    areas = {"base": Area(box=(2, 2, 70, 110)), "top": Area(box=(90, 2, 150, 110))}
+    names = ("flatness", "parallelism", "step_height", "angle", "volume", "sphere_diameter")
+    tolerances = tuple(
+        PartTolerance(
+            name,
+            name,
+            ("base",) if name in ("flatness", "sphere_diameter") else ("top", "base"),
+            0,
+            1,
+        )
+        for name in names
+    )
+    recipe = Recipe(areas=areas, tolerances=tolerances)
+    found = []
+    for cores in (1, 4, 4):
+        monkeypatch.setattr(inspect_module.os, "cpu_count", lambda cores=cores: cores)
+        found.append([(c.value, c.sigma, c.why) for c in inspect_module.judge_part(cloud, recipe)])
+    assert repr(found[0]) == repr(found[1]) == repr(found[2])
+    assert "sphere" in found[0][-1][2]  # a plane is none: said once for its area

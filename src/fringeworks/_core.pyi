@@ -27,6 +27,8 @@ __all__ = [
     "edge_rings",
     "fit_samples",
     "fitted_inside",
+    "form_distances",
+    "form_moments",
     "gram",
     "interpolate_linear",
     "invert_rows",
@@ -37,11 +39,13 @@ __all__ = [
     "median_of_nine",
     "moving_means",
     "optimised",
+    "pack_vertices",
     "phase_residuals",
     "quantiles",
     "raise_factors",
     "read_grey_png",
     "relocate_surfaces",
+    "robust_fit",
     "row_envelopes",
     "row_extrema",
     "second_magnitudes",
@@ -96,6 +100,14 @@ def count_residues(phase: NDArray[np.float32], mask: NDArray[np.uint8]) -> int: 
 def average_phasor(
     phase: NDArray[np.float32], weight: NDArray[np.float32], *, sigma: float, reach: int
 ) -> NDArray[np.complex64]: ...
+
+class _Reweighting(TypedDict):
+    fits: int
+    """The first half goes towards least absolute deviations, the others have Tukey's weights."""
+    least: float
+    """Lower bound on a deviation in the weights for least absolute deviations, over the scatter."""
+    most: float
+    """Deviation beyond which a value has no weight, over the scatter."""
 
 class _AlbedoModel(TypedDict):
     value: NDArray[np.float32]
@@ -272,6 +284,21 @@ def raise_factors(
     scale: _Scale,
     limits: _ScatterLimits,
 ) -> None: ...
+def pack_vertices(
+    xyz: NDArray[np.float32],
+    sigma: NDArray[np.float32],
+    noise: NDArray[np.float32],
+    reason: NDArray[np.uint8],
+    shade: NDArray[np.float32] | None = None,
+    *,
+    scale: float = 1.0,
+) -> NDArray[np.uint8]:
+    """Bytes of the points whose reason is 0, row after row: x, y, z, σ, noise, float32; with a
+    shade also red, green and blue, uint8, which is the shade times ``scale``.
+
+    ``xyz`` is (h, 3 w); ``shade`` is brightness (h, w) or colour (h, 3 w).
+    """
+
 def read_grey_png(content: bytes) -> NDArray[Any] | None:
     """uint8 or uint16, row after row; ``None`` for PNG that are not plain grey."""
 
@@ -304,6 +331,30 @@ def fitted_inside(
     high: float,
 ) -> NDArray[np.bool_]:
     """Mark the fitted samples of A, c and s between two limits, (frames, n)."""
+
+def form_distances(body: str, values: NDArray[Any], points: NDArray[Any]) -> NDArray[np.float64]:
+    """Signed distances of points (n, 3) from a plane, sphere or cylinder."""
+
+def form_moments(
+    body: str,
+    values: NDArray[Any],
+    points: NDArray[Any],
+    weight: NDArray[Any],
+) -> NDArray[np.float64]:
+    """Sums of the products of the derivatives of the weighted distances by the body's values, and
+    of the distances as the last, (values + 1, values + 1)."""
+
+def robust_fit(
+    design: NDArray[Any],
+    values: NDArray[Any],
+    certainty: NDArray[Any],
+    how: _Reweighting,
+) -> tuple[NDArray[np.float64], float, NDArray[np.float64], NDArray[np.float64]]:
+    """Coefficients of a linear model, scatter of the values about it, the normal matrices of all
+    fits (fits, coefficients²), and the weights of the last one.
+
+    ``design`` has a row for each coefficient, ``certainty`` is one over each value's σ.
+    """
 
 def gram(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sums of the products of all pairs of rows of a (P, n) array, (P, P)."""

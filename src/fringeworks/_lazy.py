@@ -10,7 +10,21 @@ from collections.abc import Callable
 from importlib import import_module
 from importlib.util import resolve_name
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import scipy
+else:
+
+    class _Later:
+        """SciPy, imported when one of its parts is used: 8 ms that many calls need not pay."""
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(import_module("scipy"), name)
+
+    scipy = _Later()
+
+__all__ = ["face", "scipy"]
 
 
 def _listed(package: str) -> dict[str, tuple[str, str]]:

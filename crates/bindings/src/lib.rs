@@ -6,6 +6,7 @@ mod decode;
 mod edges;
 mod emd;
 mod filters;
+mod form;
 mod inverse;
 mod isolated;
 mod measure;
@@ -15,6 +16,7 @@ mod rows;
 mod sample;
 mod threads;
 mod unwrap;
+mod vertices;
 mod vote;
 mod windowed;
 
@@ -36,6 +38,8 @@ mod _core {
         widen,
     };
     #[pymodule_export]
+    use super::form::{form_distances, form_moments};
+    #[pymodule_export]
     use super::inverse::{invert_rows, row_extrema};
     #[pymodule_export]
     use super::isolated::{mark_isolated, raise_factors, typical_step};
@@ -47,12 +51,15 @@ mod _core {
     use super::rig::{Triangles, Triangulation};
     #[pymodule_export]
     use super::sample::{
-        fit_samples, fitted_inside, gram, phase_residuals, quantiles, second_magnitudes,
-        similar_groups, smooth_windows, third_chi_squares, trimmed_variance, window_sums,
+        fit_samples, fitted_inside, gram, phase_residuals, quantiles, robust_fit,
+        second_magnitudes, similar_groups, smooth_windows, third_chi_squares, trimmed_variance,
+        window_sums,
     };
 
     #[pymodule_export]
     use super::unwrap::{average_phasor, count_residues, unwrap_reliability, wavelet_ridge_rows};
+    #[pymodule_export]
+    use super::vertices::pack_vertices;
     #[pymodule_export]
     use super::vote::vote_orders;
     #[pymodule_export]

@@ -4,7 +4,7 @@ use crate::decode::{Frames, planes_of, with_planes};
 use crate::filters;
 use crate::rows::{Map, image_of, rows_of};
 use crate::threads::alone;
-use fringeworks::sample::{self, FIT_ROWS, Lines, Model, Real, Usual, Value, Wanted};
+use fringeworks::sample::{self, FIT_ROWS, Lines, Model, Real, Reweighting, Usual, Value, Wanted};
 use numpy::ndarray::Array;
 use numpy::{
     Element, IntoPyArray, PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
@@ -270,4 +270,38 @@ pub fn window_sums<'py>(
     let (phase, basis) = (image_of(&phase)?, image_of(&basis)?);
     let sums = alone(py, || sample::window_sums(phase, basis, &orders))?;
     sums_of(py, sums)
+}
+
+/// How values are weighted, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Weighting {
+    fits: usize,
+    least: f64,
+    most: f64,
+}
+
+/// Coefficients, scatter, normal matrices and last weights, see the kernel.
+#[pyfunction]
+pub fn robust_fit<'py>(
+    py: Python<'py>,
+    design: PyReadonlyArray2<'py, f64>,
+    values: PyReadonlyArray1<'py, f64>,
+    certainty: PyReadonlyArray1<'py, f64>,
+    how: Weighting,
+) -> PyResult<(Array1<'py>, f64, Array2<'py>, Array1<'py>)> {
+    let design = image_of(&design)?;
+    let (values, certainty) = (rows_of(&values)?, rows_of(&certainty)?);
+    let how = Reweighting {
+        fits: how.fits,
+        least: how.least,
+        most: how.most,
+    };
+    let found = alone(py, || sample::robust_fit(design, values, certainty, how))?;
+    Ok((
+        found.coefficients.into_pyarray(py),
+        found.scatter,
+        rows(py, found.normals, design.height() * design.height())?,
+        found.weight.into_pyarray(py),
+    ))
 }

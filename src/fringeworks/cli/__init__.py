@@ -21,12 +21,22 @@ def main() -> None:
         sys.stdout.write(f"fringeworks {fw.__version__}\n")
         return
     try:
-        # Imported here, so that Ctrl-C during the imports is answered as well.
-        from fringeworks.cli.commands import run
-
-        code = run(sys.argv[1:])
+        code = _run(sys.argv[1:])
     except KeyboardInterrupt:
         code = INTERRUPTED
     if code == INTERRUPTED:
         sys.stderr.write("fringeworks: interrupted\n")
     sys.exit(code)
+
+
+def _run(arguments: list[str]) -> int:
+    """Run a command; its exit code. Imports are here, so that Ctrl-C during them is answered."""
+    if "measure" in arguments[:2]:
+        from fringeworks.cli.measuring import answered
+
+        code = answered(arguments)
+        if code is not None:
+            return code
+    from fringeworks.cli.commands import run
+
+    return run(arguments)

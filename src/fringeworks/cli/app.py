@@ -86,7 +86,11 @@ def _grouped(command: Command) -> Command:
 
 def _options(kind: type[Any]) -> list[inspect.Parameter]:
     """The fields of a dataclass as parameters of a command."""
-    hints = get_type_hints(kind, include_extras=True)
+    from fringeworks.cli import options
+
+    # Files of options name these in annotations alone, so that they load without typer.
+    names = vars(options) | {"typer": typer}
+    hints = get_type_hints(kind, localns=names, include_extras=True)
     return [
         inspect.Parameter(
             field.name,

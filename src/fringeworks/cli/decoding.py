@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
-
-import typer
+from typing import TYPE_CHECKING, Annotated
 
 import fringeworks as fw
-from fringeworks.cli.options import CameraName, PlanFile, ProjectorName, ResponseFile
+
+if TYPE_CHECKING:
+    import typer
+
+    from fringeworks.cli.options import CameraName, PlanFile, ProjectorName, ResponseFile
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,9 @@ class StackOptions:
 
     def read(self, path: Path) -> fw.Stack:
         """Read a stack."""
-        return self.named(fw.files.read_stack(path, self.plan, channels=self.channels))
+        from fringeworks.files.stack import read_stack
+
+        return self.named(read_stack(path, self.plan, channels=self.channels))
 
     def read_captured(self, path: Path) -> fw.Stack | tuple[fw.Stack, ...]:
         """Read a stack, or the stacks of several exposures of a scene."""

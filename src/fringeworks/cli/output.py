@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -12,8 +10,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
-
-import typer
 
 import fringeworks as fw
 
@@ -63,6 +59,11 @@ def configure(*, quiet: bool, verbose: bool, log: Path | None) -> None:
     _settings.log, _settings.json = log, None
     if log is not None:
         _write_log(f"fringeworks {fw.__version__}: {' '.join(sys.argv[1:])}")
+
+
+def is_quiet() -> bool:
+    """Whether nobody sees what a command says: neither the terminal nor a log."""
+    return _settings.quiet and _settings.log is None
 
 
 def want_json(path: Path | None) -> Path | None:
@@ -133,7 +134,7 @@ class Output:
 
     def _echo(self, text: str) -> None:
         if not _settings.quiet:
-            typer.echo(text, err=self._err)
+            print(text, file=sys.stderr if self._err else sys.stdout, flush=True)
 
     def wrote(self, *targets: Path | None) -> None:
         """Say which files were written."""
@@ -152,10 +153,11 @@ class Output:
     def tell(self, result: Any, figures: dict[str, Any]) -> None:
         """Print what a result says, with its figures and what else is known."""
         from fringeworks.report.kind import Rows, words_of
+        from fringeworks.types import Finding
 
         found: list[fw.Finding] = []
         for word in (*words_of(result, figures), ""):
-            if isinstance(word, fw.Finding):
+            if isinstance(word, Finding):
                 found.append(word)
                 continue
             self.found(found)
@@ -193,6 +195,9 @@ def target(path: Path, suffix: str) -> Iterator[Path]:
     if not is_stdout(path):
         yield path
         return
+    import shutil
+    import tempfile
+
     with tempfile.TemporaryDirectory(prefix="fringeworks-") as folder:
         inside = Path(folder) / f"result{suffix}"
         yield inside

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import fringeworks as fw
 from fringeworks.cli import output
-from fringeworks.cli.options import Figure, JsonFile, Ply
+
+if TYPE_CHECKING:
+    import typer
+
+    from fringeworks.cli.options import Figure, JsonFile
+
+
+PlyKind = Literal["points", "normals", "mesh"]
+"""Content of a .ply file, as ``fringeworks.files.write_points`` takes it."""
 
 
 @dataclass(frozen=True)
@@ -62,15 +68,22 @@ class ShowOptions:
         found: fw.Measurement | fw.PointCloud,
         rig: fw.Rig,
         out: Path | None,
-        ply: Ply,
+        ply: str,
         *,
         name: str | None,
     ) -> None:
         """Write the points of a measurement and what else is asked for, and say what they are."""
-        points = found if isinstance(found, fw.PointCloud) else found.points
+        from fringeworks.files.points import write_points
+        from fringeworks.types import PointCloud
+
+        points = found if isinstance(found, PointCloud) else found.points
         if out is not None:
             with output.target(out, ".ply") as place:
-                fw.files.write_points(place, points, kind=ply.value)
-        figures = fw.report.summarise(points)
+                write_points(place, points, kind=cast("PlyKind", str(ply)))
+        if output.is_quiet() and not self.draws and self.json_file is None:
+            return  # nobody sees the figures
+        from fringeworks.report.summary import summarise
+
+        figures = summarise(points)
         self.write(found, figures, name=name, provenance=points.provenance, rig=rig)
         words.tell(points, figures)

@@ -14,6 +14,7 @@ from fringeworks.cli.app import app
 from fringeworks.cli.cameras import calibrate_cameras, measure_cameras
 from fringeworks.cli.decoding import DecodingOptions, StackOptions
 from fringeworks.cli.devices import DeviceOptions, take_poses
+from fringeworks.cli.measuring import measure_points
 from fringeworks.cli.options import (
     AxisName,
     CameraWords,
@@ -338,26 +339,7 @@ def measure(
             )
         measure_cameras(stacks, rig_file, out, how, chosen, show)
         return
-    stack = stacks[0]
-    words = output.Output(out, *show.targets)
-    output.check(out, "points")
-    show.check()
-    options = how.options
-    with output.progress() as progress:
-        progress("reading …")
-        loaded, calibrated = how.read_captured(stack), fw.files.read_rig(rig_file)
-        progress("measuring …")
-        found: fw.Measurement | fw.PointCloud = fw.measure(
-            loaded,
-            calibrated,
-            axis=chosen,
-            epipolar_px=epipolar_px,
-            depth_mm=depth_of(depth),
-            blur_px=blur_px,
-            **options,
-        )
-    if isinstance(found, fw.Measurement) and not show.draws:
-        found = found.points  # without the maps of coordinates and their memory
-    del loaded
-    show.write_points(words, found, calibrated, out, ply, name=stack.name)
-    words.wrote(out, show.figure, show.report)
+    known = {"axis": chosen, "epipolar_px": epipolar_px, "blur_px": blur_px}
+    measure_points(
+        stacks[0], rig_file, out, how, show, ply.value, **known, depth_mm=depth_of(depth)
+    )

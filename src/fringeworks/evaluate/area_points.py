@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import partial
+from threading import RLock
 from typing import Any, NamedTuple, Self, TypeVar, cast
 
 import numpy as np
@@ -69,6 +71,10 @@ class AreaPoints:
     common errors of patches then count."""
     known: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
     """What was computed of these points, by its name; see ``once``."""
+    computing: AbstractContextManager[Any] = field(
+        default_factory=RLock, init=False, repr=False, compare=False
+    )
+    """Held while that is computed: quantities that need the same wait for it."""
 
     @property
     def size_mm2(self) -> FloatMap:
@@ -102,12 +108,13 @@ class AreaPoints:
         ------
         InputError as ``compute`` does, each time.
         """
-        if name not in self.known:
-            try:
-                self.known[name] = compute(self)
-            except InputError as problem:
-                self.known[name] = problem
-        found = self.known[name]
+        with self.computing:
+            if name not in self.known:
+                try:
+                    self.known[name] = compute(self)
+                except InputError as problem:
+                    self.known[name] = problem
+            found = self.known[name]
         if isinstance(found, InputError):
             raise found
         return cast(Known, found)
@@ -145,7 +152,9 @@ def sigma_of(terms: Sequence[Term]) -> float:
     by_rig: FloatMap | float = 0.0
     for area, weights, direction in terms:
         change = weights * _along(area.by_value, direction)
-        variance += float(np.sum((change * area.noise) ** 2))
+        if area.noise.any():
+            noise = change * area.noise
+            variance += float(noise @ noise)
         blur += float(change @ area.blur)
         if area.by_rig is None:
             variance += float(np.sum(np.bincount(area.patch, change * area.common) ** 2))

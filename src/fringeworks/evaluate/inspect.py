@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from statistics import NormalDist
-from typing import Literal
+from threading import Lock
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -43,6 +46,11 @@ from fringeworks.types import (
 from fringeworks.types.recipe import FROM_MODEL
 
 Verdict = Literal["pass", "fail", "undecided"]
+QUANTITIES_AT_ONCE = 4
+"""Largest number of quantities that are computed at the same time. Each takes some arrays of its
+area, 100 bytes a point, and parts have few areas that are large."""
+
+Known = TypeVar("Known")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -130,7 +138,6 @@ def judge_part(surface: HeightMap | PointCloud, recipe: Recipe) -> tuple[Check, 
     """Judge the tolerances of a recipe on a surface; see ``inspect``."""
     # The errors of a rig show in points alone.
     rig = rig_of(recipe) if recipe.rig and isinstance(surface, PointCloud) else None
-    against: dict[str, Deviation] = {}
 
     def points(name: str) -> AreaPoints:
         return area_points(surface, recipe.areas[name], rig)
@@ -140,37 +147,44 @@ def judge_part(surface: HeightMap | PointCloud, recipe: Recipe) -> tuple[Check, 
             raise InputError(
                 "deviation: expected a point cloud, got heights: give the recipe a rig"
             )
+        return area_deviation(against(""), recipe.areas[name], rig)
+
+    def from_model(_: str) -> Deviation:
+        assert isinstance(surface, PointCloud)
         assert recipe.model is not None
-        if not against:
-            one = recipe.model
-            against["model"] = deviation(
-                surface, one.mesh, align=one.align, rig=rig, reach_mm=one.reach_mm
-            )
-        return area_deviation(against["model"], recipe.areas[name], rig)
+        one = recipe.model
+        return deviation(surface, one.mesh, align=one.align, rig=rig, reach_mm=one.reach_mm)
 
-    of_area, of_model = _kept(points), _kept(distances)
-    return tuple(
-        _checked(one, of_model if one.quantity in FROM_MODEL else of_area, recipe.risk)
-        for one in recipe.tolerances
-    )
+    of_area, of_model, against = _kept(points), _kept(distances), _kept(from_model)
+
+    def checked(one: PartTolerance) -> Check:
+        return _checked(one, of_model if one.quantity in FROM_MODEL else of_area, recipe.risk)
+
+    # Two quantities at a time: arrays are summed without the interpreter's lock.
+    with ThreadPoolExecutor(min(QUANTITIES_AT_ONCE, os.cpu_count() or 1)) as pool:
+        return tuple(pool.map(checked, recipe.tolerances))
 
 
-def _kept(compute: Callable[[str], AreaPoints]) -> Callable[[str], AreaPoints]:
+def _kept(compute: Callable[[str], Known]) -> Callable[[str], Known]:
     """Compute what is known of each area once; a problem names the area each time."""
-    known: dict[str, AreaPoints | InputError] = {}
+    known: dict[str, Known | InputError] = {}
+    every, locks = Lock(), dict[str, Lock]()
 
-    def points(name: str) -> AreaPoints:
-        if name not in known:
-            try:
-                known[name] = compute(name)
-            except InputError as problem:
-                known[name] = problem
-        found = known[name]
+    def kept(name: str) -> Known:
+        with every:
+            own = locks.setdefault(name, Lock())
+        with own:
+            if name not in known:
+                try:
+                    known[name] = compute(name)
+                except InputError as problem:
+                    known[name] = problem
+            found = known[name]
         if isinstance(found, InputError):
-            raise found.at(name)
+            raise found.at(name) if name else found
         return found
 
-    return points
+    return kept
 
 
 def decide(found: Quantified, tolerance: PartTolerance, risk: float) -> Verdict:

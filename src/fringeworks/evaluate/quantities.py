@@ -279,7 +279,8 @@ def _range_from_plane(part: AreaPoints, base: AreaPoints) -> Quantified:
     # The range is the difference of its two ends; the plane between them follows the base.
     ends = np.zeros(len(part.points))
     ends[inner[top]], ends[inner[bottom]] = 1.0, -1.0
-    follows = (ends @ plane.at(part.points)) @ plane.inverse
+    top_at, bottom_at = plane.at(part.points[inner[[top, bottom]]])
+    follows = (top_at - bottom_at) @ plane.inverse
     # The ends are chosen among all points: their noise is that of a range, not of two points.
     still = part.without_noise()
     if base is part:
@@ -354,7 +355,7 @@ def step_height(part: AreaPoints, base: AreaPoints) -> Quantified:
     """Mean distance of an area from the plane through the base, positive towards the camera."""
     plane = _plane(base)
     n = len(part.points)
-    follows = plane.at(part.points).mean(axis=0) @ plane.inverse
+    follows = plane.at(part.middle[None])[0] @ plane.inverse
     terms = [Term(part, np.full(n, 1.0 / n), plane.normal), Term(base, -follows, plane.normal)]
     return Quantified(float(plane.heights(part.points).mean()), sigma_of(terms), "mm")
 
@@ -466,7 +467,9 @@ MEASURED: Mapping[str, Callable[..., Quantified]] = MappingProxyType(
 def _fitted(part: AreaPoints, body: BodyKind) -> Form:
     # Where the calibration's errors are known, they are added to what follows from the fit.
     common = 0.0 if part.by_rig is not None else float(np.sqrt(np.mean(part.common**2)))
-    return fit_region(part.points, body, sigma_mm=1.0 / part.weights, common_mm=common)
+    weights = part.weights
+    sigma = None if (weights == 1.0).all() else 1.0 / weights
+    return fit_region(part.points, body, sigma_mm=sigma, common_mm=common)
 
 
 def _inverse(slopes: FloatMap, factors: FloatMap) -> FloatMap:
@@ -495,8 +498,9 @@ class _Plane:
 
     def at(self, points: FloatMap) -> FloatMap:
         """Return the derivative of the plane's height at points by its three values, (n, 3)."""
-        places = (points - self._point) @ self.across.T
-        return np.column_stack((np.ones(len(points)), places))
+        slopes = np.ones((3, len(points)))  # each derivative in a row, which is read as a whole
+        np.matmul(self.across, (points - self._point).T, out=slopes[1:])
+        return slopes.T
 
     def turning(self, axis: FloatMap) -> FloatMap:
         """Return the derivative of a rotation of the plane about an axis by each point, (n,)."""

@@ -10,15 +10,15 @@ from typing import Any, Literal
 import numpy as np
 import tomli_w
 from numpy.typing import NDArray
-from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, replacing, write_text
+from fringeworks.files.description import Field, Section
 from fringeworks.files.folder import FolderInUse, FolderWriter, foreign_names, replacing_folder
 from fringeworks.files.images import holds_counts, read_frame, write_frame
 from fringeworks.files.limits import is_file
 from fringeworks.files.pair import CAPTURE_FILE, DevicesSection
 from fringeworks.files.plan import PLAN_FILE, format_plan, frame_names
-from fringeworks.files.toml import Section, read_toml
+from fringeworks.files.toml import read_toml
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.types import CameraSettings, FileProblem, FramesContradictPlan, InputError, Region
 
@@ -246,12 +246,9 @@ def _kept(
     folder: Path, content: dict[str, Any], plan: PatternPlan, stems: list[str]
 ) -> tuple[str, ...]:
     """Names of the files of an earlier capture that are kept."""
-    before = _begun(folder).model_dump(
-        exclude_unset=True, exclude_none=True, exclude={"kind", "plan", "frames"}
-    )
-    wanted = UnfinishedFile.model_validate(content).model_dump(
-        exclude_unset=True, exclude_none=True
-    )
+    wanted = UnfinishedFile.checked(content).as_dict(given_only=True)
+    before = _begun(folder).as_dict(given_only=True)
+    before = {name: before[name] for name in before if name not in ("kind", "plan", "frames")}
     if before != wanted:
         raise InputError(
             f"{folder}: expected the settings of the capture that is there ({_told(before)}), got "

@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tomli_w
-from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, write_text
 from fringeworks.files.capture_writer import UNFINISHED_FILE, refuse_unfinished
+from fringeworks.files.description import Field, Section
 from fringeworks.files.folder import FolderWriter, replacing_folder
 from fringeworks.files.limits import inside, is_file, is_folder, parsing
 from fringeworks.files.pair import CAPTURE_FILE, missing_description
 from fringeworks.files.stack import read_stack
-from fringeworks.files.toml import Section, kind_of, read_toml
+from fringeworks.files.toml import kind_of, read_toml
 from fringeworks.stack.frames import Stack
 from fringeworks.types import CameraSettings, FileProblem, InputError
 
@@ -170,7 +170,7 @@ def _section(number: int, settings: CameraSettings) -> dict[str, Any]:
 def _kept(folder: Path, content: dict[str, Any]) -> tuple[str, ...]:
     """Names in the folder of an interrupted scan that are kept."""
     before = _begun(folder)
-    if before != ExposuresFile.model_validate(content):
+    if before.as_dict() != ExposuresFile.checked(content).as_dict():
         raise InputError(
             f"{folder}: expected the settings of the captures that are there "
             f"({_told(before.exposures)}), got {_told(content['exposures'])}"
@@ -189,5 +189,5 @@ def _begun(folder: Path) -> ExposuresFile:
 
 
 def _told(exposures: Sequence[ExposureSection] | Sequence[dict[str, Any]]) -> str:
-    sections = [ExposureSection.model_validate(one) for one in exposures]
+    sections = [ExposureSection.checked(one) for one in exposures]
     return ", ".join(f"{one.exposure_ms} ms and {one.gain_db} dB" for one in sections)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import struct
-import subprocess
 import sys
 import zlib
 from collections.abc import Sequence
@@ -165,6 +164,8 @@ def _element(data: bytes, place: int, order: str) -> _Element:
 
 def _from_hdf5(path: Path, name: str) -> NDArray[Any]:
     """A variable of version 7.3, read by a process that may crash."""
+    import subprocess  # 5 ms, for those only who read such files
+
     call = [sys.executable, "-P", str(Path(__file__).with_name("hdf5_process.py")), str(path)]
     try:
         done = subprocess.run(

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
+from fringeworks.files.description import Field, Section
 from fringeworks.files.limits import existing_file, parsing
 from fringeworks.files.provenance import ProvenanceSection
 from fringeworks.files.rig import (
@@ -24,7 +24,7 @@ from fringeworks.files.rig import (
     transform_of,
     uncertainty_section,
 )
-from fringeworks.files.toml import Section, read_toml
+from fringeworks.files.toml import read_toml
 from fringeworks.types import FloatMap, InputError, MultiRig, multi_rig_parameters
 
 MAX_CAMERAS = 16

@@ -10,13 +10,13 @@ import tomli_w
 from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath, write_text
+from fringeworks.files.description import Section
 from fringeworks.files.folder import incomplete, replacing_folder
 from fringeworks.files.images import holds_counts, read_frame, read_frames, write_frame
 from fringeworks.files.limits import inside, is_file, parsing
 from fringeworks.files.mat import read_mat
 from fringeworks.files.npz import read_npz
 from fringeworks.files.provenance import source_of
-from fringeworks.files.toml import Section
 from fringeworks.types import (
     NUMBERS,
     Axis,
@@ -63,7 +63,7 @@ class GeometrySection(Section):
 
     def as_geometry(self) -> ReferencePlaneGeometry:
         """The frozen type."""
-        return ReferencePlaneGeometry(**self.model_dump())
+        return ReferencePlaneGeometry(**self.as_dict())
 
 
 class DevicesSection(Section):

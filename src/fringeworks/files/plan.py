@@ -9,13 +9,13 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomli_w
-from pydantic import Field, StrictInt
 
 from fringeworks.files.atomic import StrPath, replacing, write_text
+from fringeworks.files.description import Field, Section
 from fringeworks.files.folder import replacing_folder
 from fringeworks.files.images import write_frame
 from fringeworks.files.limits import existing_file, parsing, told
-from fringeworks.files.toml import Section, Size, read_toml
+from fringeworks.files.toml import Size, read_toml
 from fringeworks.patterns.encode import encode
 from fringeworks.patterns.plan import (
     Block,
@@ -33,6 +33,10 @@ PATTERNS_FILE = "patterns.tif"
 """Pictures of a plan as one stack."""
 MAX_BLOCKS = 1000
 """Largest number of entries of a sequence. Plans have 3 to 20."""
+
+
+StrictInt = Annotated[int, Field(strict=True)]
+"""A whole number, and neither true nor 2.0."""
 
 
 class PhaseEntry(Section):

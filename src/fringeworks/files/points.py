@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from fringeworks import _core
+from fringeworks._lazy import scipy
 from fringeworks.files.atomic import StrPath, check_target, replacing
 from fringeworks.files.limits import existing_file, parsing, read_content, text_of
 from fringeworks.files.npz import (
@@ -36,7 +37,7 @@ from fringeworks.files.provenance import (
 from fringeworks.files.ros import write_point_bag
 from fringeworks.files.surfaces import READERS as SURFACE_READERS
 from fringeworks.files.surfaces import read_surface
-from fringeworks.files.white import eight_bits, white_of
+from fringeworks.files.white import WHITE, eight_bits, white_of
 from fringeworks.surface.cloud import cloud_triangles, normals
 from fringeworks.surface.height_map import height_map_points, lateral_findings
 from fringeworks.types import (
@@ -126,9 +127,13 @@ def _vertices(cloud: PointCloud, ok: BoolMap, kind: Kind) -> Iterator[NDArray[An
     turned = normals(cloud) if kind == "normals" else None
     axes = NORMAL_AXES if turned is not None else ()
     fields: list[tuple[str, str]] = [(n, "<f4") for n in ("x", "y", "z", *axes, "sigma", "noise")]
-    white = None if cloud.colour is None else white_of(np.asarray(cloud.colour)[ok])
+    white = None if cloud.colour is None else _white(np.asarray(cloud.colour), ok)
     if white is not None:
         fields += [(name, "u1") for name in COLOURS]
+    maps = (cloud.xyz_mm, cloud.sigma_mm, cloud.noise_mm, cloud.colour if white else None)
+    if turned is None and all(m is None or m.dtype == np.float32 for m in maps):
+        yield from _packed(cloud, white, np.dtype(fields))
+        return
     for top in range(0, len(ok), BAND_ROWS):
         band = slice(top, top + BAND_ROWS)
         here = ok[band]
@@ -141,6 +146,30 @@ def _vertices(cloud: PointCloud, ok: BoolMap, kind: Kind) -> Iterator[NDArray[An
         if cloud.colour is not None and white is not None:
             part["red"], part["green"], part["blue"] = eight_bits(cloud.colour[band][here], white).T
         yield part
+
+
+def _white(colour: NDArray[Any], ok: BoolMap) -> float | None:
+    """The brightness of the measured points that becomes white."""
+    return white_of(colour.reshape(ok.size, *colour.shape[2:]) if ok.all() else colour[ok])
+
+
+def _packed(
+    cloud: PointCloud, white: float | None, vertex: np.dtype[Any]
+) -> Iterator[NDArray[Any]]:
+    """Vertices without normals, of maps in single precision, by a kernel."""
+    scale = 1.0 if white is None else WHITE / white
+    for top in range(0, len(cloud.reason), BAND_ROWS):
+        band = slice(top, top + BAND_ROWS)
+        shade = None if white is None else _flat(np.asarray(cloud.colour)[band])
+        maps = (cloud.xyz_mm, cloud.sigma_mm, cloud.noise_mm, cloud.reason)
+        xyz, sigma, noise, reason = (_flat(m[band]) for m in maps)
+        packed = _core.pack_vertices(xyz, sigma, noise, reason, shade, scale=scale)
+        yield packed.view(vertex)
+
+
+def _flat(band: NDArray[Any]) -> NDArray[Any]:
+    """Rows of a map as kernels take them: all values of a row in one."""
+    return np.ascontiguousarray(band.reshape(len(band), -1))
 
 
 def _write_xyz(path: Path, cloud: PointCloud, _: Kind) -> None:

@@ -8,11 +8,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field
-
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.description import Field, Section
 from fringeworks.files.limits import told
-from fringeworks.files.toml import Section
 from fringeworks.types import FileProblem, Provenance, Source, provenance_from
 
 KEY = "provenance"
@@ -41,7 +39,7 @@ class ProvenanceSection(Section):
 
     def as_provenance(self) -> Provenance:
         """The frozen type."""
-        return provenance_from(self.model_dump())
+        return provenance_from(self.as_dict())
 
 
 def toml_section(provenance: Provenance | None) -> dict[str, Any]:
@@ -79,7 +77,7 @@ def from_json(text: str | None) -> Provenance | None:
     if not text:
         return None
     try:
-        return ProvenanceSection.model_validate(json.loads(text)).as_provenance()
+        return ProvenanceSection.checked(json.loads(text)).as_provenance()
     except (ValueError, RecursionError):  # no JSON, numbers too long, or of other fields
         return None
 

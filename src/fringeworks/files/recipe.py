@@ -9,14 +9,14 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomli_w
-from pydantic import Discriminator, Field, Tag
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
 from fringeworks.files.beside import drop_earlier, name_beside
+from fringeworks.files.description import Field, Section, Tag, Tagged
 from fringeworks.files.images import read_frame, write_frame
 from fringeworks.files.limits import MAX_LENGTH_PX, MESSAGE_LETTERS, is_file, told
 from fringeworks.files.plan import holds_plan, read_plan, write_plan
-from fringeworks.files.toml import Section, read_toml
+from fringeworks.files.toml import read_toml
 from fringeworks.types import (
     AlignBy,
     Area,
@@ -124,11 +124,7 @@ AnyModel = Annotated[
     | Annotated[_DatumPoints, Tag("datum-points")]
     | Annotated[_DatumPlanes, Tag("datum-planes")]
     | Annotated[_KnownPose, Tag("none")],
-    Discriminator(
-        _align,
-        custom_error_type="align",
-        custom_error_message="expected align = best-fit, datum-points, datum-planes or none",
-    ),
+    Tagged(_align, "expected align = best-fit, datum-points, datum-planes or none"),
 ]
 
 

@@ -9,11 +9,12 @@ from typing import Literal
 import tomli_w
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
+from fringeworks.files.description import Section
 from fringeworks.files.limits import existing_file, parsing
 from fringeworks.files.npz import FLOATS, MAP, NUMBER, ORIGIN, Archive, write_npz
 from fringeworks.files.pair import GeometrySection, geometry_section
 from fringeworks.files.provenance import KEY, ProvenanceSection, toml_section
-from fringeworks.files.toml import Section, read_toml
+from fringeworks.files.toml import read_toml
 from fringeworks.rig.calibration.planes import PixelCalibration, PlaneCalibration
 from fringeworks.types import ReferencePlaneGeometry
 

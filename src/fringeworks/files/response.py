@@ -7,12 +7,12 @@ from typing import Annotated, Literal
 
 import numpy as np
 import tomli_w
-from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
+from fringeworks.files.description import Field, Section
 from fringeworks.files.limits import existing_file, told
 from fringeworks.files.provenance import ProvenanceSection, toml_section
-from fringeworks.files.toml import Section, read_toml
+from fringeworks.files.toml import read_toml
 from fringeworks.patterns.plan import MAX_STEPS
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.signal.response import Response

@@ -10,13 +10,13 @@ from typing import Any, Literal
 
 import numpy as np
 import tomli_w
-from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, write_text
+from fringeworks.files.description import Field, Section
 from fringeworks.files.formats import FORMATS, OPENCV_SUFFIXES
 from fringeworks.files.limits import MAX_DESCRIPTION_BYTES, existing_file, parsing, read_content
 from fringeworks.files.provenance import ProvenanceSection, toml_section
-from fringeworks.files.toml import Section, Size, read_toml
+from fringeworks.files.toml import Size, read_toml
 from fringeworks.rig.pinhole import check_lens
 from fringeworks.types import (
     RIG_PARAMETERS,
@@ -261,7 +261,7 @@ def _from_toml(content: RigFile) -> Rig:
         residual,
         origin,
         0.0 if content.uncertainty is None else content.uncertainty.structure_px,
-        None if content.blur is None else CameraBlur(**content.blur.model_dump()),
+        None if content.blur is None else CameraBlur(**content.blur.as_dict()),
         None if content.camera.region is None else Region(*content.camera.region),
     )
 

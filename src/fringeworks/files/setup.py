@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 import tomli_w
-from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
 from fringeworks.files.beside import drop_earlier, name_beside
 from fringeworks.files.capture_writer import SettingsSection, settings_of, settings_table
+from fringeworks.files.description import Field, Section
 from fringeworks.files.findings import finding_from_dict, findings_as_dicts
 from fringeworks.files.limits import inside, parsing
 from fringeworks.files.plan import holds_plan, read_plan, write_plan
-from fringeworks.files.toml import Section, Size, read_toml
+from fringeworks.files.toml import Size, read_toml
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.types import (
     CameraNoise,

@@ -7,9 +7,8 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
-
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.description import DescriptionFault, Field, Section
 from fringeworks.files.limits import (
     MAX_DESCRIPTION_BYTES,
     MAX_LENGTH_PX,
@@ -34,16 +33,10 @@ LONG_NUMBER = re.compile(rf"[0-9a-fA-F_]{{{MAX_DIGITS}}}")
 """A number with as many digits."""
 
 
-class Section(BaseModel):
-    """A table of a TOML file; unknown keys and numbers that are not finite are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
 Length = Annotated[int, Field(ge=2, le=MAX_LENGTH_PX)]
 Size = tuple[Length, Length]
 """Columns and rows of a device, px."""
-Content = TypeVar("Content", bound=BaseModel)
+Content = TypeVar("Content", bound=Section)
 
 
 def read_toml(path: StrPath, kind: type[Content]) -> Content:
@@ -63,9 +56,9 @@ def read_toml(path: StrPath, kind: type[Content]) -> Content:
     with parsing(path, "TOML"):
         content = _load(path)
         try:
-            return kind.model_validate(content)
-        except ValidationError as error:
-            raise FileProblem(f"{told(path)}: {_first_fault(error)}") from error
+            return kind.checked(content)
+        except DescriptionFault as fault:
+            raise FileProblem(f"{told(path)}: {fault}") from fault
 
 
 def _load(path: Path) -> dict[str, Any]:
@@ -77,16 +70,6 @@ def _load(path: Path) -> dict[str, Any]:
         if LONG_NUMBER.search(text):
             raise FileProblem(f"expected numbers of fewer than {MAX_DIGITS} digits, got more")
         return tomllib.loads(text)
-
-
-def _first_fault(error: ValidationError) -> str:
-    fault = error.errors()[0]
-    where = told(".".join(str(part) for part in fault["loc"]))
-    if fault["type"] == "extra_forbidden":
-        return f"unknown key {where}"
-    if fault["type"] == "missing":
-        return f"missing key {where}"
-    return f"{where}: {fault['msg']}, got {told(repr(fault['input']))}"
 
 
 def kind_of(description: Path) -> str | None:

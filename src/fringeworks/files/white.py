@@ -14,6 +14,10 @@ WHITE_POINTS = 300_000
 """Approximate largest number of points that white is taken from."""
 
 
+WHITE = 255.0
+"""White in 8 bits."""
+
+
 def white_of(colour: FloatMap) -> float | None:
     """Brightness that becomes white, of points with brightness (n,) or colour (n, 3); None where no
     point has any."""
@@ -26,6 +30,6 @@ def white_of(colour: FloatMap) -> float | None:
 
 def eight_bits(colour: FloatMap, white: float) -> NDArray[np.uint8]:
     """Red, green and blue, (n, 3), of points with brightness (n,) or colour (n, 3)."""
-    scaled = np.nan_to_num(np.asarray(colour, np.float64)) * (255.0 / white)
-    shown = np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
+    scaled = np.nan_to_num(np.asarray(colour, np.float64)) * (WHITE / white)
+    shown = np.clip(np.rint(scaled), 0, WHITE).astype(np.uint8)
     return np.stack((shown,) * 3, axis=-1) if shown.ndim == 1 else shown

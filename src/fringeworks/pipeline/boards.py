@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.stack import read_poses
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.pipeline.decoding import decoded
 from fringeworks.pipeline.inputs import inputs_of
+from fringeworks.pipeline.side_by_side import side_by_side
 from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.calibration.calibrate import Calibration, Observation, calibrate, observe
 from fringeworks.stack.even_light import texture
@@ -115,22 +116,50 @@ def observe_poses(
     inputs: list[Source] = []
     plans: dict[PatternPlan, None] = {}
     regions: set[Region | None] = set()
-    for name, stack in poses:
-        progress(f"{name} …")
-        regions.add(stack.region)
-        # One line for a pose, by the hashes of its files: a rig file is read by people.
-        inputs.append(Source(name, fingerprint(tuple(s.sha256 for s in inputs_of(stack)))))
-        plans[stack.plan] = None
-        try:
-            observations.append(observe_stack(stack, board, name=name, **options))
-        except FileProblem:
-            raise  # it concerns the capture, not the pose
-        except InputError as error:
-            skipped[name] = why_unused(error)
-            findings += error.findings
+    taken = _announced(poses, progress)
+    for name, seen in side_by_side(taken, lambda pose: (pose[0], _seen(*pose, board, options))):
+        regions.add(seen.region)
+        inputs.append(Source(name, seen.digest))
+        plans[seen.plan] = None
+        if isinstance(seen.found, InputError):
+            skipped[name] = why_unused(seen.found)
+            findings += seen.found.findings
+        else:
+            observations.append(seen.found)
     return ObservedPoses(
         observations, skipped, tuple(inputs), tuple(plans), _one_region(regions), tuple(findings)
     )
+
+
+class _Seen(NamedTuple):
+    """What a pose showed, without its frames."""
+
+    found: Observation | InputError
+    digest: str
+    """Of the hashes of its files, so that it is one line of a rig file, which people read."""
+    plan: PatternPlan
+    region: Region | None
+
+
+def _seen(name: str, stack: Stack, board: Board, options: DecodeOptions) -> _Seen:
+    """Observe one pose; problems of the capture itself are raised."""
+    digest = fingerprint(tuple(source.sha256 for source in inputs_of(stack)))
+    found: Observation | InputError
+    try:
+        found = observe_stack(stack, board, name=name, **options)
+    except FileProblem:
+        raise  # it concerns the capture, not the pose
+    except InputError as error:
+        found = error
+    return _Seen(found, digest, stack.plan, stack.region)
+
+
+def _announced(
+    poses: Iterable[tuple[str, Stack]], progress: Callable[[str], None]
+) -> Iterator[tuple[str, Stack]]:
+    for name, stack in poses:
+        progress(f"{name} …")
+        yield name, stack
 
 
 def _one_region(regions: set[Region | None]) -> Region | None:

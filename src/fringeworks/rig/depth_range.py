@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from fringeworks._lazy import scipy
 from fringeworks.rig.pinhole import project, rays, transform
 from fringeworks.rig.ray_depth import axis_length, inverse_depth, projector_by_parameters
 from fringeworks.types import (

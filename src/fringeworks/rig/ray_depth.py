@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
-from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
+from fringeworks._lazy import scipy
 from fringeworks.rig.pinhole import project_with_derivatives, rays, skew
 from fringeworks.types import Axis, FloatMap, Rig
 
@@ -76,7 +75,7 @@ def calibration_spread(rig: Rig, axis: Axis | None, along: Axis) -> NDArray[np.f
     variance = variance.reshape(-1, DEPTHS)
     good = (variance > 0) & np.isfinite(variance)
     fitted = good.sum(axis=1) >= POWERS
-    powers = polynomial.polyvander(place, POWERS - 1)
+    powers = np.polynomial.polynomial.polyvander(place, POWERS - 1)
     logarithm = np.log2(np.where(good, variance, 1.0))
     whole = good.all(axis=1)
     nodes = spread.reshape(-1, POWERS)

@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from fringeworks import _core
+from fringeworks._lazy import scipy
 from fringeworks.types import BoolMap, FloatMap
 
 SATURATED_PX = 3

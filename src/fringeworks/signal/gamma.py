@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from fringeworks._lazy import scipy
 from fringeworks.types import FloatMap, InputError, unmasked
 
 GAMMA_RANGE = (0.4, 4.0)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
 from fringeworks import _core
+from fringeworks._lazy import scipy
 from fringeworks.statistics.chi_square import residual_variance
 from fringeworks.statistics.groups import similar_groups
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median

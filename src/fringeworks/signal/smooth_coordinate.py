@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from fringeworks._lazy import scipy
 from fringeworks.statistics.quantiles import MAD_TO_SIGMA, robust_sigma
 from fringeworks.types import BoolMap, FloatMap, InputError
 

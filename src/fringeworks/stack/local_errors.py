@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import scipy
 
+from fringeworks._lazy import scipy
 from fringeworks.stack.fits import harmonic_noise, harmonic_parts
 from fringeworks.stack.frames import Planes
 from fringeworks.stack.kernel_settings import Decoding, Limits, lit_pixels

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from fringeworks import _core
+from fringeworks._lazy import scipy
 from fringeworks.signal.noise import (
     BRIGHTNESS_GROUPS,
     GAIN_SIGMAS,

@@ -8,10 +8,10 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from fringeworks import _core
+from fringeworks._lazy import scipy
 from fringeworks.rig.pinhole import project, transform
 from fringeworks.surface.clean import inside_surface
 from fringeworks.surface.cloud import LONG_SIDE

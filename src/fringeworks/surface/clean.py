@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import scipy
 
+from fringeworks._lazy import scipy
 from fringeworks.surface.cloud import cloud_triangles
 from fringeworks.types import (
     NUMBERS,

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from fringeworks import _core
+from fringeworks._lazy import scipy
 from fringeworks.types import (
     MOST_PX,
     BoolMap,

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks import _core
 from fringeworks.statistics.quantiles import robust_sigma
 from fringeworks.surface.form_geometry import GEOMETRIES, BodyKind, FormGeometry
 from fringeworks.types import (
@@ -66,8 +67,6 @@ MORE_DAMPING = 10.0
 """Factor of the damping after a step that failed, and of its decrease after one that did not."""
 SETTLED = 1e-12
 """Relative change of the squared distances below which a fit has converged."""
-BAND = 8192
-"""Number of points whose derivatives are computed at a time, so that they stay in the caches."""
 ROUNDING = 1e-6
 """Smallest standard deviation of points in sizes of the cloud: single precision of files, for a
 cloud at a distance of ten sizes."""
@@ -273,13 +272,13 @@ def fit_region(
     values, unit, used = found.values, found.unit, found.used
     kept = far.size - int(DISCARDED * far.size)
     for _ in range(FIT_ROUNDS):
-        size = np.abs(GEOMETRIES[body].distance(values, found.scaled)) * weight
+        size = np.abs(_core.form_distances(body, values, found.scaled)) * weight
         before, used = used, np.zeros(far.size, bool)
         used[np.argpartition(size, kept - 1)[:kept]] = True
         if np.array_equal(before, used):
             break
         values, unit = _refine(values, found.scaled, weight, used, GEOMETRIES[body])
-    distance = GEOMETRIES[body].distance(values, found.scaled)
+    distance = _core.form_distances(body, values, found.scaled)
     found = found._replace(values=values, unit=unit, distance=distance, used=used)
     return _form(body, found, common_mm, region=np.ones(far.size, bool), far=far)
 
@@ -318,11 +317,16 @@ def _checked(points_mm: FloatMap, body: str) -> tuple[FloatMap, FormGeometry]:
     if np.asarray(points_mm).dtype.kind not in NUMBERS:
         raise InputError(f"points: expected real numbers, got {np.asarray(points_mm).dtype}")
     points = np.asarray(points_mm, np.float64)
-    if points.ndim != 2 or points.shape[1] != 3 or not (np.abs(points) <= LARGEST).all():
+    if points.ndim != 2 or points.shape[1] != 3 or not _bounded(points):
         raise InputError(f"points: expected finite (n, 3), got shape {points.shape}")
     if len(points) < MIN_POINTS:
         raise InputError(f"fit: expected {MIN_POINTS} points or more, got {len(points)}")
     return points, GEOMETRIES[body]
+
+
+def _bounded(values: FloatMap) -> bool:
+    """Whether all values are finite, and not beyond ``LARGEST``."""
+    return not values.size or bool(values.min() >= -LARGEST and values.max() <= LARGEST)
 
 
 def _weights(sigma_mm: FloatMap | None, n: int) -> FloatMap:
@@ -388,13 +392,13 @@ def _fit(
     values = start
     unit: FloatMap = np.zeros((len(start), len(start)))
     used = np.zeros(len(scaled), bool)
-    distance = geometry.distance(values, scaled)
+    distance = _core.form_distances(geometry.kind, values, scaled)
     for _ in range(FIT_ROUNDS):
         before, used = used, np.abs(distance) * weight <= FAR_SIGMAS * max(spread, ROUNDING)
         if used.sum() < MIN_POINTS:
             return None
         values, unit = _refine(values, scaled, weight, used, geometry)
-        distance = geometry.distance(values, scaled)
+        distance = _core.form_distances(geometry.kind, values, scaled)
         spread = robust_sigma((distance * weight)[used])
         if np.array_equal(before, used):
             break
@@ -411,7 +415,7 @@ def _refine(
     """
     every = max(1, int(used.sum()) // REFINED_POINTS)
     index = np.flatnonzero(used)[::every]
-    part, part_weight = points[index], weight[index]
+    part, part_weight = points.take(index, axis=0), weight.take(index)
     values, damping = start, 0.0
     cost, slope, normal = _normal(values, part, part_weight, geometry)
     for _ in range(MAX_STEPS):
@@ -439,12 +443,7 @@ def _normal(
 ) -> tuple[float, FloatMap, FloatMap]:
     """Sum of the squared weighted distances, half its derivative by the body's values, and the
     matrix of the normal equations."""
-    moments = np.zeros((values.size + 1, values.size + 1))
-    for start in range(0, len(points), BAND):
-        band = slice(start, start + BAND)
-        rows = geometry.rows(values, points[band])
-        rows *= weight[band, None]
-        moments += rows.T @ rows
+    moments = _core.form_moments(geometry.kind, values, points, weight)
     return float(moments[-1, -1]), moments[-1, :-1], moments[:-1, :-1]
 
 

@@ -26,9 +26,6 @@ one cannot be distinguished from a plane. Empirical."""
 DEGENERATE = 1e-9
 """Determinant or cross product below which a few points do not determine a body, in scaled
 coordinates: points on a line or a plane, to rounding."""
-TINY_LENGTH = 1e-300
-"""Length that is divided by where a point lies on the centre or axis: its direction is undefined,
-and any finite one does."""
 CYLINDER_AXES = 60
 """Number of axis directions that are tried for a cylinder through a few points, evenly over the
 half sphere: 18° apart. The fit afterwards converges from such a start."""
@@ -40,6 +37,8 @@ GOLDEN_ANGLE_RAD = 2.399963
 class FormGeometry:
     """What a fit needs to know about a kind of body."""
 
+    kind: BodyKind
+    """The name that kernels know the body by."""
     points: int
     """Number of points through which a trial body is laid."""
     trials: int
@@ -52,9 +51,6 @@ class FormGeometry:
     distance: Callable[[FloatMap, FloatMap], FloatMap]
     """Signed distances of points (n, 3) from a body or from several (..., values), (..., n): out of
     a sphere or cylinder, along the normal of a plane."""
-    rows: Callable[[FloatMap, FloatMap], FloatMap]
-    """Derivatives of the distances from points (n, 3) by a body's values, and the distances as the
-    last column, (n, values + 1)."""
     parameters: Callable[[FloatMap, FloatMap, float], dict[str, Any]]
     """A body's parameters in mm, from the mean and the size of the cloud."""
     free: Callable[[FloatMap], FloatMap]
@@ -82,16 +78,6 @@ def _planes_through(p: FloatMap) -> FloatMap:
 def _plane_distance(q: FloatMap, p: FloatMap) -> FloatMap:
     size = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
     return np.asarray(q[..., :3] / size @ p.T - q[..., 3:] / size)
-
-
-def _plane_rows(q: FloatMap, p: FloatMap) -> FloatMap:
-    size = np.linalg.norm(q[:3])
-    n = q[:3] / size
-    rows = np.empty((len(p), 5))
-    rows[:, 4] = p @ n - q[3] / size
-    rows[:, :3] = (p - rows[:, 4:] * n) / size
-    rows[:, 3] = -1.0 / size
-    return rows
 
 
 def _plane_parameters(q: FloatMap, mean: FloatMap, scale: float) -> dict[str, Any]:
@@ -127,16 +113,6 @@ def _sphere_squares(q: FloatMap, p: FloatMap) -> FloatMap:
 
 def _sphere_distance(q: FloatMap, p: FloatMap) -> FloatMap:
     return np.asarray(np.sqrt(np.maximum(_sphere_squares(q, p), 0.0)) - q[..., 3:])
-
-
-def _sphere_rows(q: FloatMap, p: FloatMap) -> FloatMap:
-    to_centre = q[:3] - p
-    size = np.sqrt(_squares(to_centre))
-    rows = np.empty((len(p), 5))
-    np.divide(to_centre, np.maximum(size, TINY_LENGTH)[:, None], out=rows[:, :3])
-    rows[:, 3] = -1.0
-    rows[:, 4] = size - q[3]
-    return rows
 
 
 def _sphere_parameters(q: FloatMap, mean: FloatMap, scale: float) -> dict[str, Any]:
@@ -203,21 +179,6 @@ def _cylinder_distance(q: FloatMap, p: FloatMap) -> FloatMap:
     return np.asarray(np.sqrt(np.maximum(square, 0.0)) - q[..., 6:])
 
 
-def _cylinder_rows(q: FloatMap, p: FloatMap) -> FloatMap:
-    length = np.linalg.norm(q[3:6])
-    axis = q[3:6] / length
-    inwards = q[:3] - p
-    along = inwards @ axis
-    inwards -= along[:, None] * axis
-    size = np.sqrt(_squares(inwards))
-    rows = np.empty((len(p), 8))
-    np.divide(inwards, np.maximum(size, TINY_LENGTH)[:, None], out=rows[:, :3])
-    np.multiply(rows[:, :3], (along / -length)[:, None], out=rows[:, 3:6])
-    rows[:, 6] = -1.0
-    rows[:, 7] = size - q[6]
-    return rows
-
-
 def _cylinder_parameters(q: FloatMap, mean: FloatMap, scale: float) -> dict[str, Any]:
     axis = q[3:6] / np.linalg.norm(q[3:6])
     foot = q[:3] - (q[:3] @ axis) * axis
@@ -236,33 +197,33 @@ def _cylinder_free(q: FloatMap) -> FloatMap:
 
 GEOMETRIES: dict[str, FormGeometry] = {
     "plane": FormGeometry(
+        kind="plane",
         points=3,
         trials=300,
         through=_planes_through,
         distance=_plane_distance,
-        rows=_plane_rows,
         parameters=_plane_parameters,
         free=_plane_free,
         direction=slice(0, 3),
         has_radius=False,
     ),
     "sphere": FormGeometry(
+        kind="sphere",
         points=4,
         trials=1000,
         through=_spheres_through,
         distance=_sphere_distance,
-        rows=_sphere_rows,
         parameters=_sphere_parameters,
         free=_sphere_free,
         direction=None,
         has_radius=True,
     ),
     "cylinder": FormGeometry(
+        kind="cylinder",
         points=6,
         trials=200,
         through=_cylinders_through,
         distance=_cylinder_distance,
-        rows=_cylinder_rows,
         parameters=_cylinder_parameters,
         free=_cylinder_free,
         direction=slice(3, 6),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -44,6 +45,12 @@ def whole(value: object, low: float, high: float) -> bool:
     return known and low <= value <= high  # type: ignore[operator]
 
 
+def masks_exist() -> bool:
+    """Whether this process can have masked arrays: NumPy loads their type, 10 ms, when it is
+    named."""
+    return "numpy.ma" in sys.modules
+
+
 def unmasked(values: Any, name: str) -> NDArray[Any]:
     """Return the array of values, or of a sequence of arrays; a masked array of NumPy is refused
     where it masks something: its values there would count as measured.
@@ -52,6 +59,8 @@ def unmasked(values: Any, name: str) -> NDArray[Any]:
     ------
     InputError
     """
+    if not masks_exist():
+        return np.asarray(values)
     arrays = values if isinstance(values, list | tuple) else (values,)
     count = sum(np.count_nonzero(np.ma.getmaskarray(a)) for a in arrays if np.ma.is_masked(a))
     if count:

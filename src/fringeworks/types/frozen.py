@@ -11,7 +11,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.types.checks import check_layout, unmasked
+from fringeworks.types.checks import check_layout, masks_exist, unmasked
 from fringeworks.types.errors import InputError
 
 SHOWN_ITEMS = 6
@@ -41,7 +41,7 @@ class Frozen:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, np.ma.MaskedArray):
+            if masks_exist() and isinstance(value, np.ma.MaskedArray):
                 value = unmasked(value, field.name)
             object.__setattr__(self, field.name, _owned(value))
         check_layout(vars(self), self.layout)

@@ -10,6 +10,7 @@ mod gram;
 mod harmonics;
 mod quantile;
 mod residuals;
+mod robust;
 mod windows;
 
 pub use differences::{Real, second_magnitudes, third_chi_squares};
@@ -18,6 +19,7 @@ pub use gram::gram;
 pub use harmonics::{Sums, window_sums};
 pub use quantile::{Usual, Value, median, quantiles, similar_groups, trimmed_variance};
 pub use residuals::{Maps, Noise, Set, phase_residuals};
+pub use robust::{Reweighting, Robust, robust_fit};
 pub use windows::{Lines, Wanted, Windows, smooth_windows};
 
 /// Values that are computed together: sums have as many parts, whose order does not depend on the

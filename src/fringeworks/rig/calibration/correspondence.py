@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fringeworks.statistics.quantiles import robust_sigma
+from fringeworks import _core
 from fringeworks.types import (
     Axis,
     BoolMap,
@@ -193,23 +193,20 @@ def _surface(coordinates: CoordinateMap, centre: FloatMap, half: int) -> _Surfac
 def _robust_fit(
     design: FloatMap, q: FloatMap, inverse_sigma: FloatMap
 ) -> tuple[FloatMap, float, BoolMap] | None:
-    """Coefficients, standard deviation of the first, and which pixels count; None if singular."""
-    weight, scale = inverse_sigma, 0.0
-    for step in range(REWEIGHTINGS):
-        weighted = design * (weight * weight)[:, None]
-        normal = design.T @ weighted
-        if np.linalg.cond(normal) > MAX_NORMAL_CONDITION:
-            return None
-        coefficients = np.linalg.solve(normal, q @ weighted)
-        deviation = np.abs(q - design @ coefficients) * inverse_sigma
-        scale = max(robust_sigma(deviation), 1e-9)
-        if step < REWEIGHTINGS // 2:
-            # Least absolute deviations first: outliers of any size lose their influence.
-            weight = inverse_sigma / np.sqrt(np.maximum(deviation, MIN_ABSOLUTE * scale))
-        elif step < REWEIGHTINGS - 1:
-            tukey = np.maximum(0.0, 1.0 - (deviation / (BIWEIGHT * scale)) ** 2)
-            weight = inverse_sigma * tukey
-    return coefficients, scale * float(np.sqrt(np.linalg.inv(normal)[0, 0])), weight > 0
+    """Coefficients, standard deviation of the first, and which pixels count; None if singular.
+
+    Least absolute deviations first: outliers of any size lose their influence.
+    """
+    coefficients, scale, normals, weight = _core.robust_fit(
+        np.ascontiguousarray(design.T),
+        q,
+        inverse_sigma,
+        {"fits": REWEIGHTINGS, "least": MIN_ABSOLUTE, "most": BIWEIGHT},
+    )
+    square = normals.reshape(-1, COEFFICIENTS, COEFFICIENTS)
+    if not np.isfinite(square).all() or not (np.linalg.cond(square) <= MAX_NORMAL_CONDITION).all():
+        return None
+    return coefficients, scale * float(np.sqrt(np.linalg.inv(square[-1])[0, 0])), weight > 0
 
 
 def _ripple(surfaces: list[_Surface], period_px: float) -> Ripple | None:
@@ -224,11 +221,12 @@ def _ripple(surfaces: list[_Surface], period_px: float) -> Ripple | None:
     if not residual.size:
         return None
     weight = inverse_sigma**2 / np.sum(inverse_sigma**2)
-    rad_per_px = 2.0 * np.pi / period_px
-    amplitudes = [
-        2.0 * float(np.abs(np.sum(weight * residual * np.exp(1j * k * rad_per_px * coordinate))))
-        for k in range(1, RIPPLE_HARMONICS + 1)
-    ]
+    # The harmonics' phasors are powers of the first one's.
+    first = np.exp(1j * (2.0 * np.pi / period_px) * coordinate)
+    turned, amplitudes = weight * residual * first, []
+    for _ in range(RIPPLE_HARMONICS):
+        amplitudes.append(2.0 * float(np.abs(turned.sum())))
+        turned *= first
     noise = 2.0 * float(np.sqrt(np.sum(weight**2 * residual**2)))
     return Ripple(max(amplitudes), noise)
 

@@ -12,6 +12,7 @@ from fringeworks.rig.calibration.adjusted import Adjusted
 from fringeworks.rig.calibration.bundle import adjust
 from fringeworks.rig.calibration.field_equations import Linearised, Pair
 from fringeworks.rig.calibration.field_modes import Modes
+from fringeworks.rig.calibration.leave_out import MIN_PREDICTING
 from fringeworks.rig.calibration.parameters import RIG_SIZE
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.lens_field import correction, correction_sigma
@@ -109,37 +110,82 @@ def with_fields(
     A field is a priori a Gaussian surface with mean zero, whose scale and length are unknown. Its
     evidence is the probability of the corners, with all other parameters, averaged over the field
     (MacKay, Neural Computation 4, 1992, doi:10.1162/neco.1992.4.3.415). It is compared with that of
-    no field: nothing but the evidence decides, and a field that the corners hardly show is shrunk.
-    Weights, scatter and fields are estimated in turn until they settle. Splined models of lenses
-    are those of mrcal; here Brown's model remains, and the spline holds what it leaves.
+    no field; a field that the corners hardly show is shrunk. Errors that the corners of one pose
+    share look like a field there, but the other poses do not predict them: the field of all other
+    poses must predict every pose better than none does, on the whole (Geisser and Eddy, JASA 74,
+    1979, doi:10.1080/01621459.1979.10481632). Weights, scatter and fields are estimated in turn
+    until they settle. Splined models of lenses are those of mrcal; here Brown's model remains, and
+    the spline holds what it leaves.
     """
+    asked = (0, 1) if len(sightings) > MIN_PREDICTING else ()
+    while asked:
+        found, fields, chosen = _settled_fields(sightings, adjusted, free, asked)
+        has = [k for k in asked if chosen[k] is not None]
+        if not has:
+            break
+        trial = _Trial(sightings, found, free)
+        predict = [k for k in has if trial.gain(k, chosen) > 0.0]
+        if predict == has:
+            return found, fields
+        asked = tuple(predict)
+    return adjusted, Fields.none()
+
+
+def _settled_fields(
+    sightings: Sequence[Sighting], adjusted: Adjusted, free: BoolMap, asked: Sequence[int]
+) -> tuple[Adjusted, Fields, list[_Chosen | None]]:
+    """Estimate fields of the devices that are asked, and everything else, until they settle."""
+    plain, fields = adjusted, Fields.none()
     now = Linearised(sightings, adjusted, free)
-    chosen = _first(now)
-    fields = Fields.none()
-    if chosen == [None, None]:
-        return adjusted, fields
+    chosen = _first(now, asked)
     for _ in range(MAX_ROUNDS):
+        if chosen == [None, None]:
+            return plain, Fields.none(), chosen
         before = adjusted.rig
         rig, fields = _estimated(now, chosen)
         adjusted = adjust(sightings, rig, adjusted.poses, free=free)
         now = Linearised(sightings, adjusted, free)
         settled = _settled(now, before)
-        for k in range(2):
+        has = [one is not None for one in chosen]
+        for k in asked:
             # The other device is asked once this one's field holds all that it explains.
             if chosen[k] is not None or settled:
                 chosen[k] = _best(now, k, chosen[1 - k], _lengths(chosen[k]))
-        if settled and [c is None for c in chosen] == _missing(adjusted.rig):
+        if settled and has == [one is not None for one in chosen]:
             break
-    return adjusted, fields
+    return adjusted, fields, chosen
 
 
-def _missing(rig: Rig) -> list[bool]:
-    return [device.field is None for device in (rig.camera, rig.projector)]
+class _Trial:
+    """An adjustment as the poses without each of them have it."""
+
+    def __init__(self, sightings: Sequence[Sighting], adjusted: Adjusted, free: BoolMap) -> None:
+        self.parts = [Linearised(sightings, adjusted, free)]
+        pose = self.parts[0].corners.pose
+        for k in range(len(adjusted.poses)):
+            others = replace(
+                adjusted,
+                poses=tuple(T for n, T in enumerate(adjusted.poses) if n != k),
+                weighting=adjusted.weighting.of_rows(pose != k),
+            )
+            rest = [s for n, s in enumerate(sightings) if n != k]
+            self.parts.append(Linearised(rest, others, free))
+
+    def gain(self, device: int, chosen: Sequence[_Chosen | None]) -> float:
+        """By how much a field predicts every pose from the others better than none: logarithm of
+        the ratio of probabilities, summed over the poses."""
+        own = chosen[device]
+        assert own is not None
+        scale = int(np.argmin(np.abs(SCALES_PX - own.scale_px)))
+        logs = [
+            _log_evidence(part, device, own.modes, chosen[1 - device])[scale] for part in self.parts
+        ]
+        return float(sum(logs[0] - one for one in logs[1:]))
 
 
-def _first(now: Linearised) -> list[_Chosen | None]:
+def _first(now: Linearised, asked: Sequence[int]) -> list[_Chosen | None]:
     """The device with the most evidence of a field, if any, and its modes."""
-    found = [_best(now, k, None, FIRST_LENGTHS) for k in range(2)]
+    found = [_best(now, k, None, FIRST_LENGTHS) if k in asked else None for k in range(2)]
     known = [-np.inf if one is None else one.log_evidence for one in found]
     best = int(np.argmax(known))
     return [one if k == best else None for k, one in enumerate(found)]

@@ -63,6 +63,7 @@ class Linearised:
         self.root = weighting.root
         at = replace(adjusted, weighting=weighting)
         self.residuals, self.equations = linearised(self.corners, at, free=free)
+        self.points = len(adjusted.shape.offset_mm)
         always = len(self.equations.shared) - int(free.sum())
         self.free = np.concatenate((free, np.ones(always, bool)))
 
@@ -87,7 +88,7 @@ class Linearised:
         m = sum(modes.count for modes in of if modes is not None)
         # Two more columns: what the present fields do, and the residuals.
         own = np.zeros((m + 2, m + 2))
-        shared, points = np.zeros((size, m + 2)), np.zeros((corners.board_points, 3, m + 2))
+        shared, points = np.zeros((size, m + 2)), np.zeros((self.points, 3, m + 2))
         present = self._present()
         for k, rows in enumerate(corners.rows):
             root = self.root[rows, :, None]

@@ -170,6 +170,7 @@ WRONG = {
         "sigma_px": np.zeros((3, 9, 2)),
     },
     "standard deviations >= 0": {"sigma_px": -np.ones((8, 9, 2))},
+    "fold the image": {"control_px": np.eye(8, 9)[..., None] * np.ones(2)},
     "finite control points": {"control_px": np.full((8, 9, 2), np.nan)},
 }
 

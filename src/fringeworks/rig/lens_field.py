@@ -7,9 +7,11 @@ from numpy.typing import NDArray
 
 from fringeworks.types import FloatMap, LensField
 
-FIXED_POINT_STEPS = 6
-"""Steps of the fixed-point iteration that undoes a correction. Each divides the error by the
-inverse of the correction's slope: by 25 for 0.15 px of four periods over 100 px."""
+MAX_PASSES = 60
+"""Largest number of passes of the fixed-point iteration that undoes a correction. Each multiplies
+the error by the correction's slope, 0.01 for usual ones and below 0.5 for all."""
+CONVERGED_PX = 1e-10
+"""Change of a pixel below which a pass has changed nothing, px: rounding."""
 
 
 def correction(field: LensField, pixels: FloatMap) -> FloatMap:
@@ -56,8 +58,11 @@ def uncorrected(field: LensField | None, pixels: FloatMap) -> FloatMap:
     if field is None:
         return pixels
     measured = pixels
-    for _ in range(FIXED_POINT_STEPS):
-        measured = pixels + correction(field, measured)
+    for _ in range(MAX_PASSES):
+        before, measured = measured, pixels + correction(field, measured)
+        with np.errstate(invalid="ignore"):
+            if not np.nanmax(np.abs(measured - before), initial=0.0) > CONVERGED_PX:
+                break
     return measured
 
 
@@ -94,7 +99,8 @@ def _cells(field: LensField, pixels: FloatMap) -> tuple[_Cells, _Cells]:
 
 
 def _cell(first_px: float, step_px: float, controls: int, places_px: FloatMap) -> _Cells:
-    at = np.nan_to_num((places_px - first_px) / step_px).clip(1.0, controls - 2.0)
+    with np.errstate(all="ignore"):
+        at = np.nan_to_num((places_px - first_px) / step_px).clip(1.0, controls - 2.0)
     cell = np.minimum(at.astype(np.intp), controls - 3)
     return cell - 1, at - cell
 

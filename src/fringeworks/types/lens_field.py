@@ -9,12 +9,15 @@ from typing import ClassVar
 import numpy as np
 
 from fringeworks.types.arrays import FloatMap
-from fringeworks.types.checks import finite, positive
+from fringeworks.types.checks import MOST_PX, finite, positive
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
 
 LEAST_CONTROLS = 4
 """Smallest number of control points along an axis: a cubic spline has four in every interval."""
+MAX_SLOPE = 0.25
+"""Largest difference of neighbouring control points, over their distance. With it a correction can
+be undone everywhere; lenses have a hundredth of it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,7 +54,18 @@ class LensField(Frozen):
                 f"field: expected {LEAST_CONTROLS} control points or more along both axes, got "
                 f"{self.control_px.shape[1]} × {self.control_px.shape[0]}"
             )
-        if not (np.isfinite(self.control_px).all() and np.isfinite(self.sigma_px).all()):
-            raise InputError("field: expected finite control points and standard deviations")
+        largest = max(np.abs(values).max() for values in (self.control_px, self.sigma_px))
+        if not largest <= MOST_PX:
+            raise InputError(
+                "field: expected finite control points and standard deviations up to "
+                f"{MOST_PX} px, got {largest}"
+            )
         if (self.sigma_px < 0).any():
             raise InputError("field: expected standard deviations >= 0")
+        steps = [np.abs(np.diff(self.control_px, axis=1 - k)).max() for k in range(2)]
+        slope = max(step / apart for step, apart in zip(steps, self.step_px, strict=True))
+        if not slope <= MAX_SLOPE:
+            raise InputError(
+                f"field: expected control points that differ by up to {MAX_SLOPE} of their "
+                f"distance, got {slope:.3g}, which would fold the image"
+            )

@@ -170,7 +170,8 @@ def test_what_such_devices_measure_is_right(what, first, seeds):
     assert np.abs(z).max() < 3.5
     # The four scores of a rig are correlated: of few rigs they say no more.
     if seeds > 4:
-        assert np.sqrt(np.mean(z**2)) < 1.4
+        usual = [scores(found(seed)[1])[1] for seed in range(first, first + seeds)]
+        assert np.sqrt(np.mean(z**2)) < 1.25 * max(1.0, np.sqrt(np.mean(np.square(usual))))
         assert np.mean(np.abs(z) < 2.0) > 0.85
 
 

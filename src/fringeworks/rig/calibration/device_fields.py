@@ -117,7 +117,7 @@ def with_fields(
     until they settle. Splined models of lenses are those of mrcal; here Brown's model remains, and
     the spline holds what it leaves.
     """
-    asked = (0, 1) if len(sightings) > MIN_PREDICTING else ()
+    asked: tuple[int, ...] = (0, 1) if len(sightings) > MIN_PREDICTING else ()
     while asked:
         found, fields, chosen = _settled_fields(sightings, adjusted, free, asked)
         has = [k for k in asked if chosen[k] is not None]

@@ -145,9 +145,10 @@ BENT = {
 """Devices by what is wrong with them."""
 
 
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("what", BENT)
 @pytest.mark.parametrize(
-    ("first", "seeds"), [(700, 1), pytest.param(720, 12, marks=pytest.mark.long)]
+    ("first", "seeds"), [(700, 1), pytest.param(720, 8, marks=pytest.mark.long)]
 )
 def test_what_such_devices_measure_is_right(what, first, seeds):
     before, after = [], []

@@ -26,6 +26,7 @@ def run(script: str, **environment: str) -> str:
 
 
 EVERY_KERNEL = """
+import dataclasses
 import io
 import os
 import numpy as np
@@ -87,8 +88,12 @@ def results():
     found.append(stream.result())
     view = look(rig, bust())
     layout = fringe_plan(rig)
-    found.append(fw.rig.Triangulator(rig).triangulate(
-        fw.decode(list(photograph(view, layout, Optics())), layout)))
+    decoded = fw.decode(list(photograph(view, layout, Optics())), layout)
+    wave = 0.1 * np.sin(np.arange(180.0)).reshape(9, 10, 2)
+    field = fw.rig.LensField((-60.0, -60.0), (60.0, 60.0), wave, np.zeros((9, 10, 2)))
+    devices = {name: dataclasses.replace(getattr(rig, name), field=field) for name in ("camera", "projector")}
+    for one in (rig, dataclasses.replace(rig, **devices)):
+        found.append(fw.rig.Triangulator(one).triangulate(decoded))
     live = fw.stack.Decoder(plan_of(), rig_of().camera.shape, rig=rig_of())
     for seed in range(2):
         found.append(live.points(captured(plan_of(), rig_of(), seed=seed)).reason.copy())

@@ -26,6 +26,7 @@ def run(script: str, **environment: str) -> str:
 
 
 EVERY_KERNEL = """
+import dataclasses
 import io
 import os
 import numpy as np
@@ -88,9 +89,13 @@ def results():
     found.append(stream.result())
     view = look(rig, bust())
     layout = fringe_plan(rig)
-    found.append(fw.rig.Triangulator(rig).triangulate(
-        fw.decode(list(photograph(view, layout, Optics())), layout)))
-    cloud = found[-1]
+    decoded = fw.decode(list(photograph(view, layout, Optics())), layout)
+    wave = 0.1 * np.sin(np.arange(180.0)).reshape(9, 10, 2)
+    field = fw.rig.LensField((-60.0, -60.0), (60.0, 60.0), wave, np.zeros((9, 10, 2)))
+    devices = {name: dataclasses.replace(getattr(rig, name), field=field) for name in ("camera", "projector")}
+    for one in (rig, dataclasses.replace(rig, **devices)):
+        found.append(fw.rig.Triangulator(one).triangulate(decoded))
+    cloud = found[-2]
     flat = cloud.xyz_mm.reshape(len(cloud.reason), -1)
     found.append(_core.pack_vertices(flat, cloud.sigma_mm, cloud.noise_mm, cloud.reason))
     ball = np.random.default_rng(1).normal(size=(300, 3))

@@ -513,12 +513,21 @@ class _AxisMaps(TypedDict):
     sigma: NDArray[np.float32]
     reason: NDArray[np.uint8]
 
+class _Field(TypedDict):
+    first: Sequence[float]
+    step: Sequence[float]
+    columns: int
+    control: Sequence[float]
+    """Corrections of column and row, point after point of each row."""
+
 class _Rig(TypedDict):
     camera: Sequence[float]
     """Focal lengths, principal point, and five coefficients of the distortion."""
     projector: Sequence[float]
     rotation: Sequence[float]
     translation: Sequence[float]
+    camera_field: _Field | None
+    projector_field: _Field | None
 
 class _Spread(TypedDict):
     coefficients: NDArray[np.float32]

@@ -3,7 +3,7 @@
 use crate::rows::{refuse, rows_of, rows_of_mut};
 use crate::threads::detached;
 use fringeworks::mesh;
-use fringeworks::triangulate::{self, Axis, Lens, Limits, Points, Spread};
+use fringeworks::triangulate::{self, Axis, Field, Lens, Limits, Points, Spread};
 use numpy::{
     IntoPyArray, PyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2,
     PyReadwriteArray3, PyUntypedArrayMethods,
@@ -26,6 +26,24 @@ pub struct RigItems {
     projector: [f64; 9],
     rotation: [f64; 9],
     translation: [f64; 3],
+    camera_field: Option<FieldItems>,
+    projector_field: Option<FieldItems>,
+}
+
+/// Correction of a device's pixels, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct FieldItems {
+    first: [f64; 2],
+    step: [f64; 2],
+    columns: usize,
+    control: Vec<f64>,
+}
+
+fn field(items: Option<FieldItems>) -> PyResult<Option<Field>> {
+    items
+        .map(|f| Field::new(f.first, f.step, f.columns, f.control).map_err(refuse))
+        .transpose()
 }
 
 fn lens([fx, fy, cx, cy, distortion @ ..]: [f64; 9]) -> Lens {
@@ -148,6 +166,7 @@ impl Triangulation {
         camera_shape: (usize, usize),
         projector_size: (usize, usize),
     ) -> PyResult<Self> {
+        let fields = [field(rig.camera_field)?, field(rig.projector_field)?];
         let rig = triangulate::Rig {
             camera: lens(rig.camera),
             projector: lens(rig.projector),
@@ -156,7 +175,13 @@ impl Triangulation {
         };
         let spread = spread.spread()?;
         let inner = detached(py, || {
-            triangulate::Triangulation::new(&rig, &spread, camera_shape, projector_size)
+            triangulate::Triangulation::with_fields(
+                &rig,
+                &spread,
+                camera_shape,
+                projector_size,
+                fields,
+            )
         })?;
         Ok(Self { inner })
     }

@@ -110,6 +110,12 @@ means different things in different programs."""
 def format_opencv(rig: Rig, suffix: str) -> str:
     """A rig as OpenCV's XML (suffix ``.xml``) or YAML."""
     need_opencv("a rig file of OpenCV")
+    for name, device in (("camera", rig.camera), ("projector", rig.projector)):
+        if device.field is not None:
+            raise InputError(
+                f"rig: its {name} has a field, which a file of OpenCV cannot hold, and points "
+                "would be wrong without it; write a .toml file"
+            )
     kind = cv2.FILE_STORAGE_FORMAT_XML if suffix == ".xml" else cv2.FILE_STORAGE_FORMAT_YAML
     storage = cv2.FileStorage("", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | kind)
     for name, device in (("camera", rig.camera), ("projector", rig.projector)):

@@ -23,6 +23,7 @@ from fringeworks.types import (
     CameraBlur,
     FloatMap,
     InputError,
+    LensField,
     Pinhole,
     Provenance,
     Region,
@@ -31,15 +32,43 @@ from fringeworks.types import (
 
 TOML_SUFFIX = ".toml"
 """Our own rig files."""
+FIELD_DIGITS = 9
+"""Decimals of a field's values, px: far below what corners show."""
 HEADER = """\
 # A calibrated camera and projector (fringeworks).
 # Pixels: centres on integers. Distortion: Brown's k1, k2, p1, p2, k3, in OpenCV's order.
 # T_projector_camera maps camera coordinates (x right, y down, z forward; mm) to the projector's.
 # [uncertainty]: standard deviations in px, 1, rad (a turn of the projector's coordinates about
 # their axes) and mm, and their correlation matrix.
+# [camera.field], [projector.field]: what is subtracted from a measured pixel before the lens model,
+# px: control points of cubic B-splines over the frame, row by row, and their standard deviations.
 # [blur]: variance of the camera's blur by place and distance (docs/rig.md).
 """
 """Comment at the top of a rig file."""
+
+
+class FieldSection(Section):
+    """``[camera.field]`` and ``[projector.field]``: fields of ``LensField``, by component."""
+
+    first_px: tuple[float, float]
+    step_px: tuple[float, float]
+    columns_px: list[list[float]]
+    """Corrections of columns at the control points, row by row."""
+    rows_px: list[list[float]]
+    """Corrections of rows."""
+    columns_sigma_px: list[list[float]]
+    rows_sigma_px: list[list[float]]
+
+    def as_field(self) -> LensField:
+        """The field that the table describes."""
+        control = (self.columns_px, self.rows_px)
+        sigma = (self.columns_sigma_px, self.rows_sigma_px)
+        widths = {len(row) for table in (*control, *sigma) for row in table}
+        if len(widths) != 1 or len({len(table) for table in (*control, *sigma)}) != 1:
+            raise InputError("field: expected four tables of the same rows and columns")
+        return LensField(
+            self.first_px, self.step_px, np.stack(control, axis=-1), np.stack(sigma, axis=-1)
+        )
 
 
 class DeviceSection(Section):
@@ -54,6 +83,8 @@ class DeviceSection(Section):
     """Root mean square reprojection residual of the calibration; left out where unknown."""
     region: tuple[int, int, int, int] | None = None
     """First column, first row, columns and rows on the camera's sensor; left out where unknown."""
+    field: FieldSection | None = None
+    """Correction of its pixels; left out where none."""
 
 
 class PoseSection(Section):
@@ -103,7 +134,8 @@ def write_rig(path: StrPath, rig: Rig) -> Path:
 
     Raises
     ------
-    FileProblem for another suffix, and where the folder cannot be written to.
+    FileProblem for another suffix, and where the folder cannot be written to. InputError for a rig
+    with a field in a file of OpenCV, which cannot hold it.
     """
     path = Path(path)
     FORMATS["rig"].check(path)
@@ -208,7 +240,23 @@ def device_section(device: Pinhole, residual_px: float | None) -> dict[str, Any]
     }
     if residual_px is not None:
         section["residual_px"] = float(residual_px)
+    if device.field is not None:
+        section["field"] = _field_section(device.field)
     return section
+
+
+def _field_section(field: LensField) -> dict[str, Any]:
+    """A field as a table of a rig file."""
+    tables = {
+        name: [[round(float(v), FIELD_DIGITS) for v in row] for row in values]
+        for name, values in (
+            ("columns_px", field.control_px[..., 0]),
+            ("rows_px", field.control_px[..., 1]),
+            ("columns_sigma_px", field.sigma_px[..., 0]),
+            ("rows_sigma_px", field.sigma_px[..., 1]),
+        )
+    }
+    return {"first_px": _floats(field.first_px), "step_px": _floats(field.step_px)} | tables
 
 
 def pose_section(T: FloatMap) -> dict[str, Any]:
@@ -268,7 +316,13 @@ def _from_toml(content: RigFile) -> Rig:
 
 def pinhole_of(device: DeviceSection) -> Pinhole:
     """The device that a table of a rig file describes."""
-    return Pinhole(*device.size_px, device.focal_px, device.principal_px, device.distortion)
+    return Pinhole(
+        *device.size_px,
+        device.focal_px,
+        device.principal_px,
+        device.distortion,
+        None if device.field is None else device.field.as_field(),
+    )
 
 
 def transform_of(pose: PoseSection) -> FloatMap:

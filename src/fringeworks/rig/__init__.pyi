@@ -2,6 +2,7 @@
 
 from ..types import (
     CameraBlur as CameraBlur,
+    LensField as LensField,
     Pinhole as Pinhole,
     MultiRig as MultiRig,
 )

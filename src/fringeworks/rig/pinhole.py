@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fringeworks.rig.lens_field import corrected, correction_slope, uncorrected
 from fringeworks.types import FloatMap, InputError, Pinhole, RigMismatch
 
 MAX_NEWTON_STEPS = 12
@@ -144,7 +145,8 @@ def project(device: Pinhole, points_mm: FloatMap) -> FloatMap:
 
     Notes
     -----
-    u = f_x x_d + c_x, v = f_y y_d + c_y, with (x_d, y_d) of ``distort`` (theory §8).
+    u = f_x x_d + c_x, v = f_y y_d + c_y, with (x_d, y_d) of ``distort`` (theory §8). The pixel that
+    the device's field moves there is the result.
 
     Examples
     --------
@@ -159,7 +161,7 @@ def project(device: Pinhole, points_mm: FloatMap) -> FloatMap:
     with np.errstate(all="ignore"):
         ideal = points[..., :2] / np.where(z > 0, z, np.nan)[..., None]
         distorted = distort(ideal, np.asarray(device.distortion))
-    return np.asarray(distorted * device.focal_px + device.principal_px)
+    return np.asarray(uncorrected(device.field, distorted * device.focal_px + device.principal_px))
 
 
 def project_with_derivatives(
@@ -192,7 +194,12 @@ def project_with_derivatives(
     by_device[:, [0, 1], [0, 1]] = distorted
     by_device[:, [0, 1], [2, 3]] = 1.0
     by_device[:, :, 4:] = focal[:, None] * distortion_by_coefficients(ideal)
-    return distorted * focal + device.principal_px, by_ideal @ ideal_by_point, by_device
+    pixels, by_point = distorted * focal + device.principal_px, by_ideal @ ideal_by_point
+    if device.field is None:
+        return pixels, by_point, by_device
+    pixels = uncorrected(device.field, pixels)
+    turned = np.linalg.inv(np.eye(2) - correction_slope(device.field, pixels))
+    return pixels, turned @ by_point, turned @ by_device
 
 
 def rays(device: Pinhole, pixels: FloatMap) -> FloatMap:
@@ -214,7 +221,7 @@ def rays(device: Pinhole, pixels: FloatMap) -> FloatMap:
     >>> rays(device, np.array([334.0, 240.0])).tolist()
     [0.02, 0.0, 1.0]
     """
-    distorted = (np.asarray(pixels, np.float64) - device.principal_px) / device.focal_px
+    distorted = (corrected(device.field, pixels) - device.principal_px) / device.focal_px
     ideal = undistort(distorted, np.asarray(device.distortion))
     return np.concatenate((ideal, np.ones((*ideal.shape[:-1], 1))), axis=-1)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fringeworks.rig.pinhole import project, rays
-from fringeworks.rig.ray_depth import inverse_depth_by_px, main_axis, w_by_parameters
+from fringeworks.rig.ray_depth import has_structure, main_axis, structure_variance, w_by_parameters
 from fringeworks.types import FloatMap, PointCloud, Rig
 
 NEGLIGIBLE = 1e-12
@@ -61,7 +61,7 @@ def point_errors(rig: Rig, points_mm: FloatMap, cloud: PointCloud) -> FloatMap |
     root = root_of(rig.covariance)
     both = cloud.residual_px is not None
     parts = points_by_parameters(rig, points_mm, both=both) @ root
-    if rig.structure_px > 0 and len(points_mm):
+    if has_structure(rig) and len(points_mm):
         parts = np.concatenate((parts, _structure(rig, points_mm, both=both)), axis=2)
     return np.asarray(parts)
 
@@ -77,8 +77,8 @@ def _structure(rig: Rig, points_mm: FloatMap, *, both: bool) -> FloatMap:
     """Errors of points by the place in a device's frame, as independent parts, (n, 3, 10), mm."""
     pixels = project(rig.camera, points_mm)
     w = 1.0 / points_mm[:, 2]
-    variance = inverse_depth_by_px(rig, pixels, w, None if both else main_axis(rig))
-    size = rig.structure_px * np.sqrt(variance) / w
+    variance = structure_variance(rig, pixels, w, None if both else main_axis(rig))
+    size = np.sqrt(variance) / w
     return np.asarray(points_mm[:, :, None] * (size[:, None] * places_share(pixels))[:, None, :])
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks._lazy import scipy
+from fringeworks.rig.lens_field import correction_sigma
 from fringeworks.rig.pinhole import project_with_derivatives, rays, skew
 from fringeworks.types import Axis, FloatMap, Rig
 
@@ -27,6 +28,9 @@ EXACT_PX = 1e-9
 """Distance below which another step changes nothing that matters, px."""
 NO_VARIANCE = -126.0
 """Binary logarithm that stands for a variance of zero: the least exponent of single precision."""
+
+PRINCIPAL_POINTS = ([2, 3], [11, 12])
+"""Places of the principal points of camera and projector among the rig's 24 parameters."""
 
 
 def main_axis(rig: Rig) -> Axis:
@@ -70,8 +74,8 @@ def calibration_spread(rig: Rig, axis: Axis | None, along: Axis) -> NDArray[np.f
     w = inverse_depth(rig, pixels, q.ravel(), along)
     by = inverse_depth_by_parameters(rig, pixels, w, axis)
     variance = np.einsum("nj,nj->n", by @ rig.covariance, by)
-    if rig.structure_px > 0:
-        variance = variance + rig.structure_px**2 * inverse_depth_by_px(rig, pixels, w, axis)
+    if has_structure(rig):
+        variance = variance + structure_variance(rig, pixels, w, axis)
     variance = variance.reshape(-1, DEPTHS)
     good = (variance > 0) & np.isfinite(variance)
     fitted = good.sum(axis=1) >= POWERS
@@ -88,6 +92,39 @@ def calibration_spread(rig: Rig, axis: Axis | None, along: Axis) -> NDArray[np.f
         nearest = scipy.ndimage.distance_transform_edt(~known, return_indices=True)[1]
         spread = spread[tuple(nearest)]
     return np.ascontiguousarray(spread)
+
+
+def has_structure(rig: Rig) -> bool:
+    """Whether the rig states errors that depend on the place in a device's frame."""
+    fields = (rig.camera.field, rig.projector.field)
+    return rig.structure_px > 0 or any(field is not None for field in fields)
+
+
+def structure_variance(rig: Rig, pixels: FloatMap, w: FloatMap, axis: Axis | None) -> FloatMap:
+    """Variance of 1/z by errors that depend on the place in a device's frame, (n,), 1/mm².
+
+    They are the errors of the devices' fields, which act as a principal point that is off at this
+    place, and ``structure_px``.
+    """
+    variance = np.zeros(len(pixels))
+    if rig.structure_px > 0:
+        variance = variance + rig.structure_px**2 * inverse_depth_by_px(rig, pixels, w, axis)
+    if rig.camera.field is None and rig.projector.field is None:
+        return variance
+    by = inverse_depth_by_parameters(rig, pixels, w, axis)
+    for columns, sigma in zip(PRINCIPAL_POINTS, field_sigmas(rig, pixels, w), strict=True):
+        variance = variance + np.sum((by[:, columns] * sigma) ** 2, axis=1)
+    return np.asarray(variance)
+
+
+def field_sigmas(rig: Rig, pixels: FloatMap, w: FloatMap) -> tuple[FloatMap, FloatMap]:
+    """Standard deviations of the fields of camera and projector at points, (n, 2) each, px."""
+    none = np.zeros((len(pixels), 2))
+    of_camera, of_projector = rig.camera.field, rig.projector.field
+    camera = none if of_camera is None else correction_sigma(of_camera, pixels)
+    if of_projector is None:
+        return camera, none
+    return camera, correction_sigma(of_projector, projector_by_parameters(rig, pixels, w)[0])
 
 
 def inverse_depth_by_px(rig: Rig, pixels: FloatMap, w: FloatMap, axis: Axis | None) -> FloatMap:

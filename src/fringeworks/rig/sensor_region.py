@@ -11,6 +11,7 @@ from fringeworks.types import (
     CameraBlur,
     FloatMap,
     InputError,
+    LensField,
     Pinhole,
     Region,
     Rig,
@@ -41,7 +42,7 @@ def for_frames(
 
     Returns
     -------
-    Rig with its covariance, blur and residuals in the new pixels.
+    Rig with its covariance, field, blur and residuals in the new pixels.
 
     Raises
     ------
@@ -79,7 +80,12 @@ def for_frames(
     return replace(
         rig,
         camera=Pinhole(
-            made[0], made[1], (focal[0], focal[1]), (principal[0], principal[1]), camera.distortion
+            made[0],
+            made[1],
+            (focal[0], focal[1]),
+            (principal[0], principal[1]),
+            camera.distortion,
+            None if camera.field is None else _field(camera.field, first, s),
         ),
         covariance=covariance,
         residual_px=None if residual is None else (float(s.mean()) * residual[0], residual[1]),
@@ -145,6 +151,18 @@ def _on_sensor(known: Region | None, region: Region) -> Region | None:
     if known is None:
         return None
     return replace(region, x_px=known.x_px + region.x_px, y_px=known.y_px + region.y_px)
+
+
+def _field(field: LensField, first: FloatMap, s: FloatMap) -> LensField:
+    """The field by the place in the new frame, in its pixels."""
+    x, y = s * (np.array(field.first_px) - first + 0.5) - 0.5
+    step_x, step_y = s * np.array(field.step_px)
+    return LensField(
+        (float(x), float(y)),
+        (float(step_x), float(step_y)),
+        field.control_px * s,
+        field.sigma_px * s,
+    )
 
 
 def _blur(blur: CameraBlur, shape: tuple[int, int], region: Region, s: FloatMap) -> CameraBlur:

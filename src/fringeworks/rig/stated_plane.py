@@ -9,7 +9,12 @@ import numpy as np
 
 from fringeworks.rig.pinhole import project, rays, transform
 from fringeworks.rig.point_errors import places_share, root_of
-from fringeworks.rig.ray_depth import projector_by_parameters
+from fringeworks.rig.ray_depth import (
+    PRINCIPAL_POINTS,
+    field_sigmas,
+    has_structure,
+    projector_by_parameters,
+)
 from fringeworks.types import Axis, FloatMap, InputError, Rig
 
 PLANE_NUMBERS = 4
@@ -103,8 +108,12 @@ class StatedPlane:
         w = 1.0 / self._points(pixels, 0.0)[:, 2]
         by = projector_by_parameters(self.rig, pixels, w)[1][:, 0 if self.axis == "x" else 1]
         parts = by @ root_of(self.rig.covariance)
-        if self.rig.structure_px > 0 and len(pixels):
-            parts = np.hstack((parts, self.rig.structure_px * places_share(pixels)))
+        if has_structure(self.rig) and len(pixels):
+            variance = np.full(len(pixels), self.rig.structure_px**2)
+            sigmas = field_sigmas(self.rig, pixels, w)
+            for columns, sigma in zip(PRINCIPAL_POINTS, sigmas, strict=True):
+                variance += np.sum((by[:, columns] * sigma) ** 2, axis=1)
+            parts = np.hstack((parts, np.sqrt(variance)[:, None] * places_share(pixels)))
         return np.asarray(parts)
 
     def tilt_deg(self, modes_mm: FloatMap) -> float:

@@ -19,6 +19,7 @@ from fringeworks.types import (
     Finding,
     FloatMap,
     InputError,
+    LensField,
     PointCloud,
     Reason,
     Rig,
@@ -158,6 +159,8 @@ class Triangulator:
                     "projector": [float(v) for v in rig.projector.parameters],
                     "rotation": [float(v) for v in rig.T_projector_camera[:3, :3].ravel()],
                     "translation": [float(v) for v in rig.T_projector_camera[:3, 3]],
+                    "camera_field": _field_items(rig.camera.field),
+                    "projector_field": _field_items(rig.projector.field),
                 },
                 {
                     "coefficients": calibration_spread(rig, axis, along),
@@ -168,6 +171,18 @@ class Triangulator:
                 projector_size=(rig.projector.width_px, rig.projector.height_px),
             )
         return self._kernels[axis]
+
+
+def _field_items(field: LensField | None) -> _core._Field | None:
+    """A device's field as the kernel reads it."""
+    if field is None:
+        return None
+    return {
+        "first": [float(v) for v in field.first_px],
+        "step": [float(v) for v in field.step_px],
+        "columns": field.control_px.shape[1],
+        "control": [float(v) for v in field.control_px.ravel()],
+    }
 
 
 def measured_points(

@@ -66,6 +66,7 @@ from fringeworks.types.finding import (
     region_of,
 )
 from fringeworks.types.frozen import Frozen, check_reusable, fingerprint, sealed, unsealed
+from fringeworks.types.lens_field import LensField
 from fringeworks.types.multi_rig import MultiRig, multi_rig_parameters
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
 from fringeworks.types.points import Points, TriangleMesh
@@ -108,6 +109,7 @@ __all__ = [
     "HeightMap",
     "InputError",
     "KnownPose",
+    "LensField",
     "Line",
     "MissingPackage",
     "MultiRig",

@@ -12,6 +12,7 @@ from fringeworks.types.camera_blur import CameraBlur
 from fringeworks.types.checks import MOST_PX, finite, positive, whole
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
+from fringeworks.types.lens_field import LensField
 from fringeworks.types.provenance import Provenance
 
 ROTATION_TOLERANCE = 1e-6
@@ -33,6 +34,8 @@ class Pinhole(Frozen):
     """c_x, c_y, px, pixel centres on integers."""
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
     """k₁, k₂, p₁, p₂, k₃ of Brown's model, in OpenCV's order."""
+    field: LensField | None = None
+    """Correction of its pixels by what this model does not hold; None for none."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -14,6 +14,7 @@
 
 mod arithmetic;
 mod depth;
+mod field;
 mod lens;
 mod points;
 mod prepare;
@@ -24,6 +25,7 @@ mod shift;
 use crate::{Error, check_length, check_value};
 use rayon::prelude::*;
 
+pub use field::Field;
 pub use lens::Lens;
 pub use prepare::Triangulation;
 
@@ -136,6 +138,11 @@ impl<'a> Axis<'a> {
         check_length("reason", self.reason.len(), pixels)
     }
 
+    /// The same maps with other coordinates.
+    fn with(self, coordinate: &'a [f32]) -> Axis<'a> {
+        Axis { coordinate, ..self }
+    }
+
     /// One row of the maps.
     fn row(self, index: usize, width: usize) -> Axis<'a> {
         let range = index * width..(index + 1) * width;
@@ -148,6 +155,17 @@ impl<'a> Axis<'a> {
 }
 
 impl<'a> Points<'a> {
+    /// The same maps, borrowed for a shorter time.
+    fn again(&mut self) -> Points<'_> {
+        Points {
+            xyz: self.xyz,
+            sigma: self.sigma,
+            noise: self.noise,
+            residual: self.residual,
+            reason: self.reason,
+        }
+    }
+
     /// Cut into bands of `rows` rows, each with the index of its first row.
     pub(crate) fn split_rows(self, width: usize, rows: usize) -> Vec<(usize, Points<'a>)> {
         let pixels = (width * rows).max(1);
@@ -248,6 +266,27 @@ impl Triangulation {
 
 /// Triangulate one row of the camera; axes and outputs hold that row only.
 pub(crate) fn triangulate_row(
+    rig: &Triangulation,
+    limits: &Limits,
+    index: usize,
+    x: Option<Axis<'_>>,
+    y: Option<Axis<'_>>,
+    mut out: Points<'_>,
+) {
+    let Some(field) = rig.projector_field() else {
+        return as_decoded(rig, limits, index, x, y, out);
+    };
+    if x.is_none() || y.is_none() {
+        as_decoded(rig, limits, index, x, y, out.again());
+    }
+    let [along_x, along_y] = field::corrected(field, rig, x, y, &out);
+    let x = x.map(|axis| axis.with(&along_x));
+    let y = y.map(|axis| axis.with(&along_y));
+    as_decoded(rig, limits, index, x, y, out);
+}
+
+/// Triangulate a row whose coordinates need no correction.
+fn as_decoded(
     rig: &Triangulation,
     limits: &Limits,
     index: usize,

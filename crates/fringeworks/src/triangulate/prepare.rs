@@ -1,6 +1,7 @@
 //! A rig prepared for a camera's frame: everything that does not depend on decoded coordinates.
 
 use super::arithmetic::Cubic;
+use super::field::Field;
 use super::rays::{Rays, SegmentSpread};
 use super::shift::Shift;
 use super::{Rig, SEGMENT_PIXELS, SPREAD_COEFFICIENTS, Spread};
@@ -43,6 +44,7 @@ pub struct Triangulation {
     segments: Vec<Segment>,
     pub(super) projector: Projector,
     pub(super) spread_variable: SpreadVariable,
+    projector_field: Option<Field>,
 }
 
 impl Triangulation {
@@ -70,7 +72,41 @@ impl Triangulation {
         camera_shape: (usize, usize),
         projector_size: (usize, usize),
     ) -> Result<Self, Error> {
+        Self::with_fields(rig, spread, camera_shape, projector_size, [None, None])
+    }
+
+    /// Prepare a rig whose camera and projector have corrections of their pixels.
+    ///
+    /// ```
+    /// use fringeworks::triangulate::{Field, Lens, Rig, Spread, Triangulation};
+    ///
+    /// # let lens = Lens { focal: [1000.0; 2], principal: [15.5, 7.5], distortion: [0.0; 5] };
+    /// # let rig = Rig {
+    /// #     camera: lens,
+    /// #     projector: lens,
+    /// #     rotation: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+    /// #     translation: [-100.0, 0.0, 0.0],
+    /// # };
+    /// let field = Field::new([-10.0; 2], [10.0; 2], 5, vec![0.1; 50])?;
+    /// let spread = Spread::none(true, 1024.0);
+    /// let fields = [Some(field), None];
+    /// assert!(Triangulation::with_fields(&rig, &spread, (16, 32), (1024, 768), fields).is_ok());
+    /// # Ok::<(), fringeworks::Error>(())
+    /// ```
+    pub fn with_fields(
+        rig: &Rig,
+        spread: &Spread,
+        camera_shape: (usize, usize),
+        projector_size: (usize, usize),
+        [camera_field, projector_field]: [Option<Field>; 2],
+    ) -> Result<Self, Error> {
         let shape = camera_shape;
+        let ray = |column: f64, row: f64| {
+            let [x, y] = camera_field
+                .as_ref()
+                .map_or([0.0; 2], |field| field.at(column, row));
+            rig.camera.ray(column - x, row - y)
+        };
         let nodes = spread.columns * spread.rows;
         check_length(
             "spread",
@@ -80,13 +116,13 @@ impl Triangulation {
         let enough = spread.columns >= 2 && spread.rows >= 2;
         check_value("spread", enough, "2 × 2 nodes or more", nodes)?;
         let per_row = shape.1.div_ceil(SEGMENT_PIXELS);
-        let shift = Shift::new(rig, spread, shape, projector_size);
+        let shift = Shift::new(rig, &ray, spread, shape, projector_size);
         let segments = (0..shape.0 * per_row)
             .into_par_iter()
             .map(|k| {
                 let (row, column) = (k / per_row, k % per_row * SEGMENT_PIXELS);
                 Segment {
-                    rays: Rays::new(rig, column, row),
+                    rays: Rays::new(ray, column, row),
                     spread: SegmentSpread::new(spread, shape, column, row),
                     shift: shift.at(shape, (column + SEGMENT_PIXELS / 2) as f32, row),
                 }
@@ -101,6 +137,7 @@ impl Triangulation {
                 offset: 1.0 / spread.length - 1.0,
                 factor: 2.0 / spread.length,
             },
+            projector_field,
         })
     }
 
@@ -121,6 +158,10 @@ impl Triangulation {
     /// ```
     pub fn shape(&self) -> (usize, usize) {
         self.shape
+    }
+
+    pub(super) fn projector_field(&self) -> Option<&Field> {
+        self.projector_field.as_ref()
     }
 
     pub(super) fn spread_along_x(&self) -> bool {

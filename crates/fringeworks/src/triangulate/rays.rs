@@ -1,7 +1,7 @@
 //! Rays along a segment as cubics, and the calibration's variance along it.
 
 use super::arithmetic::Cubic;
-use super::{Rig, SEGMENT_PIXELS, SPREAD_COEFFICIENTS, Spread};
+use super::{SEGMENT_PIXELS, SPREAD_COEFFICIENTS, Spread};
 
 /// Pixels of a segment at which the rays are computed exactly, counted from its first pixel.
 ///
@@ -30,10 +30,11 @@ pub struct Rays {
 }
 
 impl Rays {
-    pub fn new(rig: &Rig, column: usize, row: usize) -> Self {
+    /// Rays of a segment that begins at a pixel; `ray` is the direction of a pixel.
+    pub fn new(ray: impl Fn(f64, f64) -> (f64, f64), column: usize, row: usize) -> Self {
         let mut values = [[0.0; 4]; 3];
         for (k, node) in NODES.iter().enumerate() {
-            let (x, y) = rig.camera.ray(column as f64 + node, row as f64);
+            let (x, y) = ray(column as f64 + node, row as f64);
             let at_node = [x, y, (x * x + y * y + 1.0).sqrt()];
             for (quantity, value) in values.iter_mut().zip(at_node) {
                 quantity[k] = value;

@@ -47,9 +47,15 @@ struct Along<'a> {
 }
 
 impl Shift {
-    /// Shifts along the axis of the `spread`. `shape` is rows and columns of the camera, `size`
+    /// Shifts along the axis of the `spread`. `ray` is the direction of a camera pixel, `shape` is rows and columns of the camera, `size`
     /// columns and rows of the projector.
-    pub fn new(rig: &Rig, spread: &Spread, shape: (usize, usize), size: (usize, usize)) -> Self {
+    pub fn new(
+        rig: &Rig,
+        ray: &(impl Fn(f64, f64) -> (f64, f64) + Sync),
+        spread: &Spread,
+        shape: (usize, usize),
+        size: (usize, usize),
+    ) -> Self {
         let along = Along {
             rig,
             axis: usize::from(!spread.along_x),
@@ -60,7 +66,7 @@ impl Shift {
             .into_par_iter()
             .map(|k| {
                 let (column, row) = (place(k % NODES, shape.1), place(k / NODES, shape.0));
-                along.node(rig.camera.ray(column, row))
+                along.node(ray(column, row))
             })
             .collect();
         let off = rows

@@ -8,7 +8,7 @@ from fringeworks.report.kind import Kind, describe
 from fringeworks.report.page.blocks import Chapter
 from fringeworks.report.page.chapter import Context, judged_block
 from fringeworks.report.page.parts import dict_table, estimate, facts, provenance_block
-from fringeworks.types import RIG_PARAMETERS, Rig
+from fringeworks.types import RIG_PARAMETERS, Pinhole, Rig
 
 
 def parameter_row(name: str, value: float, sigma: float | None) -> dict[str, object]:
@@ -36,6 +36,11 @@ def chapter(rig: Rig, context: Context) -> Chapter:
                     ("reprojection, projector / px", projector),
                     ("camera / px", f"{rig.camera.width_px} × {rig.camera.height_px}"),
                     ("projector / px", f"{rig.projector.width_px} × {rig.projector.height_px}"),
+                    *(
+                        (f"largest correction by the {name}'s field / px", _largest(device))
+                        for name, device in (("camera", rig.camera), ("projector", rig.projector))
+                        if device.field is not None
+                    ),
                 ]
             ),
             *judged_block(known, context),
@@ -43,6 +48,12 @@ def chapter(rig: Rig, context: Context) -> Chapter:
             *provenance_block(rig.provenance),
         ),
     )
+
+
+def _largest(device: Pinhole) -> float:
+    """Largest control point of a device's field, px."""
+    assert device.field is not None
+    return float(np.abs(device.field.control_px).max())
 
 
 describe(Rig, Kind(chapter=chapter))

@@ -180,6 +180,16 @@ def refit(
     return at.state.rig, at.cost, information
 
 
+def linearised(
+    corners: Corners, adjusted: Adjusted, *, free: BoolMap
+) -> tuple[Residuals, NormalEquations]:
+    """Residuals at an adjustment, with their derivatives, and the normal equations there."""
+    state = State(adjusted.rig, adjusted.poses, adjusted.shape, adjusted.further)
+    problem = _Problem(corners, free, state)
+    at = problem.evaluate(state, adjusted.weighting)
+    return at.residuals, problem.normal_equations(at, adjusted.weighting)
+
+
 def _settled(before: Weighting, after: Weighting) -> bool:
     """Whether scatter and prior hardly changed; far below the corners' scatter, a prior that still
     shrinks changes nothing."""

@@ -17,13 +17,15 @@ from fringeworks.rig.calibration.camera_blur import camera_blur
 from fringeworks.rig.calibration.coefficients import free_parameters, without_useless
 from fringeworks.rig.calibration.corners import find_board
 from fringeworks.rig.calibration.correspondence import Correspondence, projector_at, spacing
-from fringeworks.rig.calibration.leave_out import leave_poses_out
+from fringeworks.rig.calibration.device_fields import Fields, with_fields
+from fringeworks.rig.calibration.leave_out import LeftOut, leave_poses_out
 from fringeworks.rig.calibration.refine import refined_view
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.calibration.start import start
 from fringeworks.rig.calibration.structure import in_projector_px, structures_px
 from fringeworks.types import (
     BoardNotFound,
+    BoolMap,
     Decoded,
     FloatMap,
     Frozen,
@@ -91,10 +93,17 @@ class Calibration(Plotted, Frozen):
     corners by a calibration without this pose, px; empty for three poses or fewer."""
     inflation: float = 1.0
     """Factor ≥ 1 by which the standard deviations were raised, because leaving out poses changes
-    the rig by more than independent errors of corners explain."""
+    the rig by more than independent errors of corners explain, and because the devices' fields make
+    the scatter smaller."""
     structure_px: tuple[float, float] = (0.0, 0.0)
     """Errors of camera and projector that depend on the place in their frames, which the model of
-    the lenses does not hold: root mean square of the worse coordinate, px; 0 where not certain."""
+    the lenses and the fields do not hold: root mean square of the worse coordinate, px; 0 where not
+    certain."""
+    field_px: tuple[float, float] = (0.0, 0.0)
+    """Root mean square at the corners of the fields of camera and projector, by which they deviate
+    from Brown's model, px; 0 for none."""
+    field_sigma_px: tuple[float, float] = (0.0, 0.0)
+    """Root mean square of their standard deviations there, px."""
 
 
 def observe(
@@ -198,7 +207,8 @@ def calibrate(
     distortion : 0, 2, 4 or 5, optional
         Number of distortion coefficients to estimate for each device. 2: k₁ and k₂; 4: p₁ and p₂
         as well; 5: k₃ as well. By default five are estimated, and k₃ is left out where the
-        poses do not determine it. Coefficients that are not estimated are 0.
+        poses do not determine it, and a field where the devices deviate from this model.
+        Coefficients that are not estimated are 0.
 
     Returns
     -------
@@ -217,7 +227,8 @@ def calibrate(
     Then the corners are measured again with the devices and poses known, and adjusted once more.
     The board's print errors and bow are estimated as well (``adjust``). Every pose is left out in
     turn; where the rig then changes by more than its covariance says, the covariance is raised
-    (``leave_poses_out``).
+    (``leave_poses_out``). Where there is evidence that a device deviates from Brown's model, a
+    smooth field of it is estimated as well (``with_fields``).
     No homographies of patches are used.
     """
     need_opencv("a calibration")
@@ -237,12 +248,14 @@ def calibrate(
     ]
     sightings = [sighting_of(o, board) for o in observations]
     adjusted = adjust(sightings, adjusted.rig, adjusted.poses, free=free)
+    fields = Fields.none()
     if distortion is None:
-        adjusted, left_out, free = without_useless(sightings, adjusted, free)
+        adjusted, left_out, fields = _as_needed(sightings, adjusted, free)
     else:
         left_out = leave_poses_out(sightings, adjusted, free=free)
+    inflation = left_out.inflation * fields.scatter_factor(sum(len(s.index) for s in sightings))
     structure = structures_px(sightings, adjusted)
-    rig = _inflated(adjusted.rig, left_out.inflation)
+    rig = fields.inflated(adjusted.rig, inflation)
     blur = camera_blur([o.view for o in observations], adjusted.poses, board, rig.camera.shape)
     return Calibration(
         rig=replace(rig, structure_px=in_projector_px(rig, structure), blur=blur),
@@ -251,16 +264,27 @@ def calibrate(
         skipped=skipped,
         adjusted=adjusted,
         bow_mm=adjusted.shape.bow_mm,
-        bow_sigma_mm=adjusted.bow_sigma_mm * left_out.inflation,
+        bow_sigma_mm=adjusted.bow_sigma_mm * inflation,
         predicted_px=left_out.predicted_px,
-        inflation=left_out.inflation,
+        inflation=inflation,
         structure_px=structure,
+        field_px=fields.size_px,
+        field_sigma_px=fields.sigma_px,
     )
 
 
-def _inflated(rig: Rig, factor: float) -> Rig:
-    assert rig.covariance is not None
-    return replace(rig, covariance=rig.covariance * factor**2)
+def _as_needed(
+    sightings: Sequence[Sighting], adjusted: Adjusted, free: BoolMap
+) -> tuple[Adjusted, LeftOut, Fields]:
+    """Add fields where there is evidence of them, or leave out k₃ where it is useless.
+
+    A field holds what k₃ leaves, so that nothing is gained by leaving it out beside one.
+    """
+    adjusted, fields = with_fields(sightings, adjusted, free=free)
+    if fields.any:
+        return adjusted, leave_poses_out(sightings, adjusted, free=free), fields
+    adjusted, left_out, _ = without_useless(sightings, adjusted, free)
+    return adjusted, left_out, fields
 
 
 def check_poses(observations: Sequence[Observation], board: Board, skipped: dict[str, str]) -> None:

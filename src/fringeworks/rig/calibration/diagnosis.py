@@ -116,8 +116,8 @@ def diagnose(calibration: Calibration) -> list[Finding]:
     Returns
     -------
     list of Finding, the most important first; empty for a calibration without fault. Their kinds
-    are pose, ripple, board, tilt, poses, coverage, weak, structure, disagreement, convergence,
-    corners and skipped.
+    are pose, ripple, board, tilt, poses, coverage, weak, field, structure, disagreement,
+    convergence, corners and skipped.
     """
     return [
         *_odd_poses(calibration),
@@ -127,6 +127,7 @@ def diagnose(calibration: Calibration) -> list[Finding]:
         *_few_poses(calibration),
         *_low_coverage(calibration),
         *_weak_focal_lengths(calibration),
+        *_fields(calibration),
         *_structure(calibration),
         *_poses_that_disagree(calibration),
         *few_corners(calibration.observations),
@@ -248,6 +249,30 @@ def _weak_focal_lengths(calibration: Calibration) -> list[Finding]:
             advice = "add poses that are nearer, further away and tilted more"
             figures = {"relative_sigma": relative}
             findings.append(Finding("weak", seen, causes, advice, figures=figures))
+    return findings
+
+
+def _fields(calibration: Calibration) -> list[Finding]:
+    findings = []
+    names = ("camera", "projector")
+    sizes = zip(names, calibration.field_px, calibration.field_sigma_px, strict=True)
+    for name, rms, sigma in sizes:
+        if rms > 0.0:
+            seen = (
+                f"the {name} deviates from the model of its lens by {rms:.3f} px, depending on the "
+                f"place in its frame; the rig corrects this, up to {sigma:.3f} px where the board "
+                "has been, and less well elsewhere"
+            )
+            causes = (
+                "keystone correction or scaling of the image",
+                "a lens, mirror or window with local distortion",
+            )
+            advice = (
+                "move the board over the whole field that is measured, and switch off corrections "
+                "of the image that can be switched off"
+            )
+            figures = {"field_px": rms, "field_sigma_px": sigma}
+            findings.append(Finding("field", seen, causes, advice, figures=figures))
     return findings
 
 

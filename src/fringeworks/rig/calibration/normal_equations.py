@@ -132,6 +132,31 @@ class NormalEquations:
         of_points = np.einsum("pcd,pd->pc", inverse, rest)
         return of_shared / self.scale_shared, of_points / self.scale_points
 
+    @property
+    def gradient(self) -> tuple[FloatMap, FloatMap]:
+        """The right-hand side of the shared parameters (s,) and the points (p, 3), not scaled."""
+        return self.right_shared * self.scale_shared, self.right_points * self.scale_points
+
+    def solved(self, right_shared: FloatMap, right_points: FloatMap) -> tuple[FloatMap, FloatMap]:
+        """Solve for other right-hand sides.
+
+        Parameters
+        ----------
+        right_shared : (s, m) array
+        right_points : (p, 3, m) array
+
+        Returns
+        -------
+        The shared parameters (s, m) and the points (p, 3, m).
+        """
+        matrix, factor, inverse = self._eliminated()
+        of_points = right_points / self.scale_points[:, :, None]
+        right = right_shared / self.scale_shared[:, None] - _over_points(factor, of_points)
+        shared = scipy.linalg.solve(matrix, right, assume_a="sym")
+        rest = of_points - self.across.transpose(0, 2, 1) @ shared
+        points = inverse @ rest
+        return shared / self.scale_shared[:, None], points / self.scale_points[:, :, None]
+
     def information(self, first: int) -> FloatMap:
         """Information about the first shared parameters where nothing is known about all others
         beside the equations; (first, first)."""
@@ -157,6 +182,12 @@ class NormalEquations:
             -moved / (s[:, None] * q[:, None, :]),
             of_points / (q[:, :, None] * q[:, None, :]),
         )
+
+
+def _over_points(factor: FloatMap, values: FloatMap) -> FloatMap:
+    """Sum of factors (p, s, 3) times values (p, 3, m) over all points, (s, m)."""
+    flat = factor.transpose(1, 0, 2).reshape(factor.shape[1], -1)
+    return np.asarray(flat @ values.reshape(flat.shape[1], -1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -164,11 +164,16 @@ def pinhole_of(values: FloatMap, like: Pinhole) -> Pinhole:
     values : (9,) array
         In the order of ``Pinhole.parameters``.
     like : Pinhole
-        Its frame size is taken over.
+        Its frame size and its field are taken over.
     """
     v = [float(x) for x in values]
     return Pinhole(
-        like.width_px, like.height_px, (v[0], v[1]), (v[2], v[3]), (v[4], v[5], v[6], v[7], v[8])
+        like.width_px,
+        like.height_px,
+        (v[0], v[1]),
+        (v[2], v[3]),
+        (v[4], v[5], v[6], v[7], v[8]),
+        like.field,
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from fringeworks.rig.calibration.calibrate import Calibration
 from fringeworks.rig.pinhole import transform
-from fringeworks.rig.ray_depth import inverse_depth_by_parameters, inverse_depth_by_px
+from fringeworks.rig.ray_depth import inverse_depth_by_parameters, structure_variance
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def verdict(calibration: Calibration) -> Verdict:
     where = np.concatenate(pixels), 1.0 / place[:, 2], None
     by = inverse_depth_by_parameters(rig, *where)
     variance = np.einsum("ni,ij,nj->n", by, rig.covariance, by)
-    variance += rig.structure_px**2 * inverse_depth_by_px(rig, *where)
+    variance += structure_variance(rig, *where)
     distance = np.linalg.norm(place, axis=1)
     sigma = np.sqrt(np.maximum(variance, 0.0)) * place[:, 2] * distance
     return Verdict(float(np.nanmedian(sigma)), float(np.median(distance)))

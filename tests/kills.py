@@ -211,9 +211,9 @@ def writers() -> list[Writer]:
     ]
     points = [fw.surface.Points(cloud.xyz_mm.reshape(-1, 3), None) for cloud in clouds]
     found = [
-        *[_files(f"map{s}", lambda p, k: fw.files.write_surface(p, surfaces[k])) for s in (".npz", ".tif", ".x3p", ".gsf", ".ply")],
-        *[_files(f"cloud{s}", lambda p, k: fw.files.write_points(p, clouds[k])) for s in (".ply", ".xyz", ".npz", ".pcd", ".mat")],
-        *[_files(f"mesh{s}", lambda p, k: fw.files.write_mesh(p, meshes[k])) for s in (".stl", ".obj", ".ply", ".glb")],
+        *[_files(f"map{s}", lambda p, k: fw.files.write_surface(p, surfaces[k])) for s in (".npz", ".tif", ".x3p", ".gsf", ".ply", ".csv")],
+        *[_files(f"cloud{s}", lambda p, k: fw.files.write_points(p, clouds[k])) for s in (".ply", ".xyz", ".npz", ".pcd", ".mat", ".csv", ".e57", ".las")],
+        *[_files(f"mesh{s}", lambda p, k: fw.files.write_mesh(p, meshes[k])) for s in (".stl", ".obj", ".ply", ".glb", ".3mf")],
         *[_files(f"rig{s}", lambda p, k: fw.files.write_rig(p, rigs[k])) for s in (".toml", ".xml", ".yml")],
         _files("plan.toml", lambda p, k: fw.files.write_plan(p, plans[k])),
         _files("phase.npz", lambda p, k: fw.files.write_phase(p, phases[k])),

@@ -89,14 +89,21 @@ class ZeroName(StrEnum):
 
 
 class Ply(StrEnum):
-    """Content of a .ply file."""
+    """Content of a file of points."""
 
     points = "points"
     normals = "normals"
     mesh = "mesh"
+    frame = "frame"
 
 
-PlyOption = Annotated[Ply, typer.Option("--ply", help="Content of a .ply file.")]
+PlyOption = Annotated[
+    Ply,
+    typer.Option(
+        "--ply",
+        help="Content of a file of points; mesh: .ply; frame: all pixels, as .pcd, .csv or .e57.",
+    ),
+]
 DenoiseOption = Annotated[
     DenoiserName | None, typer.Option("--denoise", help="Remove noise from both frames first.")
 ]

@@ -224,7 +224,7 @@ DRAWN = {"figure": _figure, "report": _report, "board": _board}
 """What is drawn by Matplotlib, which is loaded only where there is a file to check."""
 
 
-def check(path: Path | None, *kinds: str) -> None:
+def check(path: Path | None, *kinds: str, content: str | None = None) -> None:
     """Refuse a target that cannot be written, before anything is computed for it.
 
     Parameters
@@ -232,6 +232,8 @@ def check(path: Path | None, *kinds: str) -> None:
     path : Path, optional
     *kinds : str
         One of ``DRAWN``, or formats of ``fringeworks.files.formats``, one of which is written.
+    content : str, optional
+        What a file of points is to hold, as ``--ply`` says.
     """
     if path is None:
         return
@@ -240,6 +242,10 @@ def check(path: Path | None, *kinds: str) -> None:
         from fringeworks.report.drawing import need_plots
 
         need_plots(f"{path}")
+    if content is not None:
+        from fringeworks.files.point_writers import check_kind
+
+        check_kind(Path("points.ply") if is_stdout(path) else path, content)
     if is_stdout(path):
         return
     if drawn is not None:

@@ -321,7 +321,8 @@ def measure(
         Path | None,
         typer.Option(
             "--out",
-            help="Points: .ply, .xyz, .npz, .pcd, .mat, .mcap; '-' is PLY. Several cameras: PLY.",
+            help="Points: .ply, .xyz, .npz, .pcd, .csv, .e57, .las, .laz, .mat or .mcap; '-' is "
+            "PLY. Several cameras: none of .npz and .mat.",
         ),
     ] = None,
     ply: PlyOption = Ply.points,
@@ -340,7 +341,7 @@ def measure(
         return
     stack = stacks[0]
     words = output.Output(out, *show.targets)
-    output.check(out, "points")
+    output.check(out, "points", content=ply.value)
     show.check()
     options = how.options
     with output.progress() as progress:

@@ -303,6 +303,7 @@ def calls() -> list[Call]:
         call("separate_light", frames=p["frames"], plan=PLAN, contrast=1.0, noise=p["noise"], saturation=255.0),
         call("wrapped_phase", frames=p["frames"][4:], shifts_rad=fw.patterns.equal_steps(4), noise=p["noise"], saturation=255.0, min_modulation=1.0),
         call("texture", frames=p["frames"], plan=PLAN),
+        call("white_balance", capture=np.ones((6, 7, 3)), box=(1, 1, 5, 5)),
         call("Motion", velocity_px={"x": zeros}, flow_px=np.stack([zeros] * 2, -1)),
         # Rig.
         call("parse_board", text="chessboard:5x4:12"),

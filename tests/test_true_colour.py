@@ -14,6 +14,7 @@ from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.stack.even_light import texture_weights
 from tests import rigs
+from tests.commands import run
 from tests.shared import shared
 
 LIGHT = np.array([1.0, 0.8, 0.6])
@@ -128,3 +129,92 @@ def test_the_colour_does_not_depend_on_who_reads_first(folder):
     found = [read_frames(paths, stack=True, weights=weights).colour for _ in range(3)]
     assert all(np.array_equal(found[0], other) for other in found)
     assert found[0].shape == (*photographs()[1][0].shape[:2], 3)
+
+
+def gains(tmp_path):
+    """Gains of a grey card under the light of the scene, photographed by the same camera."""
+    plan, _ = photographs()
+    rng = np.random.default_rng(3)
+    card = tmp_path / "card"
+    card.mkdir()
+    fw.files.write_plan(card / "plan.toml", plan)
+    for k in range(plan.frames):
+        even = (60 + 20 * np.cos(2 * np.pi * k / plan.frames)) * LIGHT + 0.7 * rng.standard_normal(
+            (40, 50, 3)
+        )
+        Image.fromarray(np.clip(np.rint(even), 0, 255).astype(np.uint8)).save(card / f"{k:02d}.png")
+    return card, fw.stack.white_balance(fw.files.read_stack(card), box=(5, 5, 45, 35))
+
+
+def test_a_grey_card_makes_the_colours_those_of_the_paint(folder, tmp_path):
+    _, found = gains(tmp_path)
+    np.testing.assert_allclose(found, LIGHT[1] / LIGHT, rtol=0.01)
+    plain = fw.measure(folder, rigs.rig()).points
+    cloud = fw.measure(folder, rigs.rig(), white_balance=found).points
+    ok = cloud.reason == 0
+    seen, true = cloud.colour[ok], paint(cloud.shape)[ok]
+    seen, true = (c / c.sum(axis=1, keepdims=True) for c in (seen, true))
+    assert np.sqrt(np.mean((seen / true - 1.0) ** 2)) < 0.02
+    assert np.array_equal(cloud.xyz_mm, plain.xyz_mm, equal_nan=True)
+    np.testing.assert_allclose(cloud.provenance.options["white_balance"], found)
+    # The capture keeps them.
+    stack = replace(fw.files.read_stack(folder), white_balance=found)
+    assert fw.measure(stack, rigs.rig()).points == replace(
+        cloud, provenance=fw.measure(stack, rigs.rig()).points.provenance
+    )
+    words = (folder / "plan.toml").read_bytes()
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    (kept / "plan.toml").write_bytes(words)
+    for path in folder.glob("*.png"):
+        (kept / path.name).write_bytes(path.read_bytes())
+    (kept / "capture.toml").write_text(f'kind = "stack"\nwhite_balance = {list(found)}\n')
+    again = fw.measure(kept, rigs.rig()).points
+    assert np.array_equal(again.colour, cloud.colour, equal_nan=True)
+
+
+def test_a_written_capture_keeps_its_gains(tmp_path):
+    plan, frames = photographs()
+    grey = tuple(frame[..., 1].copy() for frame in frames)
+    fw.write(tmp_path / "w", fw.Stack(grey, plan, white_balance=(1.9, 1.0, 1.4)))
+    assert fw.read(tmp_path / "w").white_balance == (1.9, 1.0, 1.4)
+
+
+def test_the_command_takes_gains_or_a_card(folder, tmp_path):
+    card, _ = gains(tmp_path)
+    rig = fw.files.write_rig(tmp_path / "rig.toml", rigs.rig()) or tmp_path / "rig.toml"
+    base = fw.measure(folder, rigs.rig()).points.colour
+    for words in ("1.25,1,2", str(card)):
+        run("measure", folder, "--rig", rig, "--white-balance", words, "--out", tmp_path / "a.npz")
+        found = fw.files.read_cloud(tmp_path / "a.npz").colour
+        expected = (1.25, 1, 2) if words != str(card) else LIGHT[1] / LIGHT
+        ratio = found[base.min(axis=2) > 5].mean(axis=0) / base[base.min(axis=2) > 5].mean(axis=0)
+        np.testing.assert_allclose(ratio, expected, rtol=1e-4 if words != str(card) else 0.01)
+    done = run("measure", folder, "--rig", rig, "--white-balance", "1,2", code=2)
+    assert "--white-balance: expected three gains" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("given", "box", "words"),
+    [
+        (np.ones((4, 5)), None, "expected colour"),
+        (np.ones((4, 5, 3)), (0, 0, 6, 2), "expected a box within 5 × 4 px"),
+        (np.ones((4, 5, 3)), (0, 2, 3, 2), "expected a box"),
+        (np.ones((4, 5, 3)) * (1, 0, 1), None, "got none in green"),
+        (np.full((4, 5, 3), np.nan), None, "got none in red"),
+    ],
+)
+def test_white_balance_of_what_shows_no_white(given, box, words):
+    with pytest.raises(fw.InputError, match=words):
+        fw.stack.white_balance(given, box=box)
+
+
+def test_a_saturated_card_has_no_gains(folder):
+    stack = replace(fw.files.read_stack(folder), saturation=30.0)
+    with pytest.raises(fw.InputError, match="below the saturation 30"):
+        fw.stack.white_balance(stack)
+    with pytest.raises(fw.InputError, match="grey frames"):
+        fw.stack.white_balance(replace(stack, colour=None))
+    for bad in ((1.0, 2.0), (1.0, -1.0, 1.0), (1.0, np.nan, 1.0)):
+        with pytest.raises(fw.InputError, match="expected three gains"):
+            fw.measure(stack, rigs.rig(), white_balance=bad)

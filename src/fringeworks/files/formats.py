@@ -150,6 +150,7 @@ def _() -> Functions:
             camera=stack.camera,
             projector=stack.projector,
             saturation=stack.saturation,
+            white_balance=stack.white_balance,
             **options,
         )
 

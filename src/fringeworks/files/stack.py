@@ -156,6 +156,7 @@ def write_stack(
     camera: str | None = None,
     projector: str | None = None,
     saturation: float | None = None,
+    white_balance: Sequence[float] | None = None,
     truth: Mapping[str, NDArray[Any]] | None = None,
     force: bool = False,
     progress: Callable[[str], None] = lambda _: None,
@@ -173,6 +174,8 @@ def write_stack(
         Names of the devices.
     saturation : float, optional
         Counts from which on a sample is not trusted.
+    white_balance : (red, green, blue), optional
+        Gains of the colour of points, as ``fringeworks.stack.white_balance`` measures them.
     truth : mapping of arrays, optional
         Of a simulation, written as ``truth.npz`` beside the frames.
     force : bool
@@ -191,7 +194,13 @@ def write_stack(
     """
     labels = plan.labels()
     with writing_capture(
-        folder, plan, camera=camera, projector=projector, saturation=saturation, force=force
+        folder,
+        plan,
+        camera=camera,
+        projector=projector,
+        saturation=saturation,
+        white_balance=white_balance,
+        force=force,
     ) as writer:
         for number, frame in enumerate(frames):
             progress(labels[min(number, len(labels) - 1)])
@@ -240,6 +249,7 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
         read.lossy,
         _region_of(content, read.frames),
         read.colour,
+        content.white_balance,
     )
 
 

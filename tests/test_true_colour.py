@@ -159,9 +159,7 @@ def test_a_grey_card_makes_the_colours_those_of_the_paint(folder, tmp_path):
     np.testing.assert_allclose(cloud.provenance.options["white_balance"], found)
     # The capture keeps them.
     stack = replace(fw.files.read_stack(folder), white_balance=found)
-    assert fw.measure(stack, rigs.rig()).points == replace(
-        cloud, provenance=fw.measure(stack, rigs.rig()).points.provenance
-    )
+    assert np.array_equal(fw.measure(stack, rigs.rig()).points.colour, cloud.colour, equal_nan=True)
     words = (folder / "plan.toml").read_bytes()
     kept = tmp_path / "kept"
     kept.mkdir()

@@ -279,8 +279,8 @@ def refuse_inputs(given: Mapping[str, Any]) -> None:
         path
         for name, value in given.items()
         if name not in TARGETS
-        for path in (value if isinstance(value, list | tuple) else (value,))
-        if isinstance(path, Path)
+        for one in (value if isinstance(value, list | tuple) else (value,))
+        for path in _paths_in(one)
     ]
     for name, path in targets.items():
         if not isinstance(path, Path) or is_stdout(path):
@@ -288,6 +288,24 @@ def refuse_inputs(given: Mapping[str, Any]) -> None:
         option = _check_suffix(name, path)
         if any(_reads(source, path) for source in read):
             raise fw.FileProblem(f"{path}: {option} would replace what this command reads")
+
+
+def _paths_in(value: Any) -> list[Path]:
+    """The paths that the value of an option names: itself, or after = or :, where they exist."""
+    if isinstance(value, Path):
+        return [value]
+    if not isinstance(value, str) or "\0" in value:
+        return []
+    parts = (value, value.partition("=")[2], value.partition(":")[2])
+    return [Path(part) for part in parts if part and is_there(part)]
+
+
+def is_there(name: str) -> bool:
+    """Whether a file or folder has a name; False for a name that nothing can have."""
+    try:
+        return Path(name).exists()
+    except (OSError, ValueError):
+        return False
 
 
 def _check_suffix(name: str, path: Path) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 import tomli_w
 from pydantic import Field, StrictInt
 
-from fringeworks.files.atomic import StrPath, replacing, write_text
+from fringeworks.files.atomic import StrPath, check_target, replacing, write_text
 from fringeworks.files.folder import replacing_folder
 from fringeworks.files.images import write_frame
 from fringeworks.files.limits import existing_file, parsing, told
@@ -210,7 +210,8 @@ def holds_plan(path: Path, plan: PatternPlan) -> bool:
 
 
 def write_plan(path: StrPath, plan: PatternPlan) -> Path:
-    """Write a plan as TOML, whole or not at all."""
+    """Write a plan as TOML, whole or not at all; ``FileProblem`` for another suffix than .toml."""
+    check_target(path, (".toml",))
     write_text(path, format_plan(plan))
     return Path(path)
 

@@ -18,6 +18,7 @@ from fringeworks.files.pair import CAPTURE_FILE
 from fringeworks.files.plan import PLAN_FILE
 from fringeworks.files.sequence import read_sequence
 from fringeworks.files.toml import kind_of
+from fringeworks.files.video import VIDEO_SUFFIXES
 from fringeworks.types import FileProblem, InputError
 
 CAPTURE_KINDS = ("pair", "stack", "exposures")
@@ -44,8 +45,9 @@ def read(path: StrPath) -> Any:
     ----------
     path : path
         A capture: its folder, a ``.npz`` or ``.mat`` with two frames, or a TIFF, ``.npy`` or
-        ``.npz`` stack beside its ``plan.toml``. Frames without a plan: a folder of images, a stack
-        in one file, or a Zarr array. One image: ``.png``, ``.jpg``, ``.bmp`` or ``.tif``.
+        ``.npz`` stack, or a video, beside its ``plan.toml``. Frames without a plan: a folder of
+        images, a stack in one file, a video, or a Zarr array. One image: ``.png``, ``.jpg``,
+        ``.bmp`` or ``.tif``.
         Results: points (``.npz``, ``.ply``, ``.xyz``, ``.pcd``, ``.csv``, ``.e57``, ``.las``,
         ``.laz``), heights (``.tif``, ``.npz``, ``.csv``, ``.x3p``, ``.gsf``), meshes (``.stl``,
         ``.ply``, ``.obj``, ``.off``, ``.glb``, ``.3mf``), coordinates (``.npz``, ``.csv``), phases
@@ -90,6 +92,7 @@ def read(path: StrPath) -> Any:
         TOML: _description,
         ".npy": _frames,
         CSV: _table,
+        **dict.fromkeys(VIDEO_SUFFIXES, _frames),
         ".mat": FORMATS["pair"].read,
         **dict.fromkeys(TIFF_SUFFIXES, _tiff),
     }

@@ -33,16 +33,17 @@ from fringeworks.files.photographs import PHOTOGRAPH_SUFFIXES
 from fringeworks.files.plan import PLAN_FILE, read_plan
 from fringeworks.files.provenance import source_of
 from fringeworks.files.toml import kind_of, read_toml
+from fringeworks.files.video import VIDEO_SUFFIXES, frames_of_plan, read_video
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.even_light import texture_weights
 from fringeworks.stack.frames import Stack, step_of
 from fringeworks.types import NUMBERS, FileProblem, FramesContradictPlan, Region, sealed
 
-STACK_SUFFIXES = (*TIFF_SUFFIXES, ".npy", ".npz")
+STACK_SUFFIXES = (*TIFF_SUFFIXES, ".npy", ".npz", *VIDEO_SUFFIXES)
 """Single files that hold a stack."""
 MOST_NAMES = 8
 """Largest number of names that a message lists."""
-OTHER_SUFFIXES = (".toml", ".txt", ".md", ".json", ".log", ".csv", *STACK_SUFFIXES)
+OTHER_SUFFIXES = (".toml", ".txt", ".md", ".json", ".log", ".csv", ".npy", ".npz", *TIFF_SUFFIXES)
 """Files that lie beside frames, or hold stacks."""
 MAX_NOTES = 1
 """Notes about single frames that are kept in full; the others are counted."""
@@ -56,8 +57,9 @@ def read_stack(
     Parameters
     ----------
     path : path
-        A folder of images with ``plan.toml`` (or with ``capture.toml`` of the kind "stack"), or a
-        TIFF stack, ``.npy`` or ``.npz`` with (n, h, w).
+        A folder of images with ``plan.toml`` (or with ``capture.toml`` of the kind "stack"), a
+        TIFF stack, ``.npy`` or ``.npz`` with (n, h, w), or a video, which OpenCV decodes. A video
+        has the plan's frames, or shows each pattern still for two frames or more.
     plan : path or PatternPlan, optional
         For folders and files that have no plan beside them.
     channels : str, optional
@@ -92,10 +94,12 @@ def read_stack(
         plan = path.parent / PLAN_FILE
         if not is_file(plan):
             raise FileProblem(f"{path}: expected a plan, or a file {PLAN_FILE} beside it; got none")
-    frames, lossy = _read_file(path, checked_channels(channels))
+    layout = _plan_of(plan)
+    frames, lossy, notes = _read_file(path, checked_channels(channels), layout)
     return Stack(
         frames,
-        _plan_of(plan),
+        layout,
+        notes=notes,
         sources=(source_of(path),),
         count_step=step_of(frames[0].dtype) if frames else None,
         lossy=lossy,
@@ -218,6 +222,9 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
     description = folder / CAPTURE_FILE
     described = is_file(description)
     content = _described(folder)
+    video = video_in(folder) if content.frames is None else None
+    if video is not None:
+        content = content.model_copy(update={"frames": video})
     if plan is None:
         plan = inside(folder, content.plan)
         if not is_file(plan):
@@ -226,9 +233,9 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
     channels = checked_channels(channels or content.channels)
     if isinstance(content.frames, str):
         paths = [existing_file(inside(folder, content.frames), "a stack of frames")]
-        frames, lossy = _read_file(paths[0], channels)
+        frames, lossy, said = _read_file(paths[0], channels, layout)
         read = ReadFrames(tuple(frames), (), step_of(frames[0].dtype) if frames else None, lossy)
-        notes: list[str] = []
+        notes = list(said)
     else:
         paths, notes = _images_in_order(folder, content.frames, channels, layout)
         # Where an image holds several frames, each channel has a pattern of its own.
@@ -342,9 +349,25 @@ def images_of(folder: Path) -> list[Path]:
     return by_name(found)
 
 
-def _read_file(path: Path, channels: str) -> tuple[Sequence[NDArray[Any]], bool]:
-    """The frames of a file, and whether they are lossily compressed."""
+def video_in(folder: Path) -> str | None:
+    """Name of the only video in a folder without images; None for others."""
+    names = [p.name for p in folder.iterdir() if is_file(p) and not p.name.startswith(".")]
+    videos = [name for name in names if Path(name).suffix.lower() in VIDEO_SUFFIXES]
+    images = (*IMAGE_SUFFIXES, *TIFF_SUFFIXES, *PHOTOGRAPH_SUFFIXES)
+    alone = not any(Path(name).suffix.lower() in images for name in names)
+    return videos[0] if alone and len(videos) == 1 else None
+
+
+def _read_file(
+    path: Path, channels: str, plan: PatternPlan
+) -> tuple[Sequence[NDArray[Any]], bool, tuple[str, ...]]:
+    """The frames of a file, whether they are lossily compressed, and what was done to them."""
     stack, lossy = open_stack_file(path)
+    if path.suffix.lower() in VIDEO_SUFFIXES:
+        if channels:
+            raise FileProblem(f"{path}: expected images for their channels, got a video")
+        stack, notes = frames_of_plan(path, stack, plan.frames)
+        return list(sealed(stack)), lossy, notes
     if channels:
         if stack.ndim != 4 or stack.shape[3] < len(CHANNELS):
             raise FileProblem(
@@ -352,10 +375,10 @@ def _read_file(path: Path, channels: str) -> tuple[Sequence[NDArray[Any]], bool]
                 f"{channels}, got {stack.shape}"
             )
         places = [CHANNELS.index(letter) for letter in channels]
-        return [sealed(page[..., k]) for page in stack for k in places], lossy
+        return [sealed(page[..., k]) for page in stack for k in places], lossy, ()
     if stack.ndim != 3 or stack.size == 0:
         raise FileProblem(f"{path}: expected frames of shape (n, h, w), got {stack.shape}")
-    return list(sealed(stack)), lossy
+    return list(sealed(stack)), lossy, ()
 
 
 def open_stack_file(path: Path) -> tuple[NDArray[Any], bool]:
@@ -375,6 +398,8 @@ def open_stack_file(path: Path) -> tuple[NDArray[Any], bool]:
             stack = np.load(path, mmap_mode="r", allow_pickle=False)
     elif suffix == ".npz":
         stack = read_npz(path, "a stack of frames", {"frames": f"{NUMBERS} nhw"})["frames"]
+    elif suffix in VIDEO_SUFFIXES:
+        stack, lossy = read_video(path), True
     else:
         raise FileProblem(
             f"{path}: expected one of {', '.join(STACK_SUFFIXES)}, got {suffix or path.name}"

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.best_channels import BEST
 from fringeworks.files.capture_writer import (
     StackFile,
     refuse_unfinished,
@@ -64,7 +65,8 @@ def read_stack(
         For folders and files that have no plan beside them.
     channels : str, optional
         Channels of colour images that are a frame each: "g" for green alone, "rgb" where every
-        image holds three frames of the plan. By default those that ``capture.toml`` says.
+        image holds three frames of the plan; "best" for the combination of all three with the
+        least noise. By default those that ``capture.toml`` says.
 
     Returns
     -------
@@ -239,7 +241,8 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
     else:
         paths, notes = _images_in_order(folder, content.frames, channels, layout)
         # Where an image holds several frames, each channel has a pattern of its own.
-        shown = texture_weights(layout) if len(channels) <= 1 else {}
+        single = channels == BEST or len(channels) <= 1
+        shown = texture_weights(layout) if single else {}
         read = read_frames(paths, stack=True, channels=channels, weights=shown)
         notes += _first_of(read.notes)
     tomls = [description] if described else []
@@ -265,7 +268,7 @@ def _images_in_order(
 ) -> tuple[list[Path], list[str]]:
     """The images of a folder in the order of a plan, and notes about their names."""
     given = [inside(folder, n) for n in names or ()] if names is not None else images_of(folder)
-    if len(channels) > 1:
+    if len(channels) > 1 and channels != BEST:
         _check_number(given, channels, layout, folder)
         return given, []
     return in_plan_order(given, layout, folder, listed=names is not None)
@@ -363,6 +366,8 @@ def _read_file(
 ) -> tuple[Sequence[NDArray[Any]], bool, tuple[str, ...]]:
     """The frames of a file, whether they are lossily compressed, and what was done to them."""
     stack, lossy = open_stack_file(path)
+    if channels == BEST:
+        raise FileProblem(f"{path}: expected a folder of colour images for their best combination")
     if path.suffix.lower() in VIDEO_SUFFIXES:
         if channels:
             raise FileProblem(f"{path}: expected images for their channels, got a video")

@@ -8,6 +8,8 @@ import re
 import subprocess
 import sys
 
+import typer
+
 from fringeworks.cli import commands
 
 COLUMNS = {
@@ -67,3 +69,16 @@ def checked(done, code):
         assert said[0].startswith("fringeworks: ")
         assert "Traceback" not in done.stderr
     return done
+
+
+def walked(group, before=""):
+    """All commands with their names."""
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from walked(command, f"{before}{name} ")
+        else:
+            yield f"{before}{name}", command
+
+
+COMMANDS = dict(walked(typer.main.get_command(commands.face.app)))
+"""All commands by their names."""

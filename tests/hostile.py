@@ -10,6 +10,7 @@ import tempfile
 import warnings
 import zipfile
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -347,6 +348,17 @@ def targets(folder: Path) -> list[Target]:
         npz("cloud.ply", lambda p: fw.files.write_points(p, cloud), fw.files.read_points),
         npz("cloud.xyz", lambda p: fw.files.write_points(p, cloud), fw.files.read_points)._replace(words=TEXT_WORDS),
         npz("cloud.pcd", lambda p: fw.files.write_points(p, cloud), fw.read),
+        npz("frame.pcd", lambda p: fw.files.write_points(p, cloud, kind="frame"), fw.read),
+        npz("frame.csv", lambda p: fw.files.write_points(p, cloud, kind="frame"), fw.read)._replace(words=TEXT_WORDS),
+        npz("map.csv", lambda p: fw.files.write_surface(p, surface), on_surface)._replace(words=TEXT_WORDS),
+        npz("x.csv", lambda p: fw.files.write_coordinates(p, decoded), fw.read)._replace(words=TEXT_WORDS),
+        Target("table.csv", b"x_m;y_m;z_m;\xcf\x83 [mm]\n1,0;2,0;;0,1\n4;5;6;0,2\n", fw.read, TEXT_WORDS),
+        *(
+            npz(f"cloud{suffix}", lambda p: fw.files.write_points(p, cloud), fw.read)._replace(share=share)
+            for suffix, package, share in ((".las", "laspy", 1.0), (".laz", "lazrs", 0.02), (".e57", "pye57", 0.02))
+            if find_spec(package)  # there are no wheels of pye57 for Linux on ARM
+        ),
+        npz("model.3mf", lambda p: fw.files.write_mesh(p, fw.TriangleMesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.uint32))), fw.files.read_model)._replace(share=0.5),
         npz("triangles.ply", lambda p: fw.files.write_mesh(p, fw.TriangleMesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.uint32))), fw.read),
         Target("text.ply", PLY, fw.files.read_points, TEXT_WORDS),
         Target("faces.ply", PLY, fw.read, TEXT_WORDS),

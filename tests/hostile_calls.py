@@ -303,6 +303,7 @@ def calls() -> list[Call]:
         call("separate_light", frames=p["frames"], plan=PLAN, contrast=1.0, noise=p["noise"], saturation=255.0),
         call("wrapped_phase", frames=p["frames"][4:], shifts_rad=fw.patterns.equal_steps(4), noise=p["noise"], saturation=255.0, min_modulation=1.0),
         call("texture", frames=p["frames"], plan=PLAN),
+        call("white_balance", capture=np.ones((6, 7, 3)), box=(1, 1, 5, 5)),
         call("Motion", velocity_px={"x": zeros}, flow_px=np.stack([zeros] * 2, -1)),
         # Rig.
         call("parse_board", text="chessboard:5x4:12"),
@@ -318,6 +319,7 @@ def calls() -> list[Call]:
         call("height_over_plane", cloud=p["cloud"], point_mm=np.array([0.0, 0, 500]), normal=np.array([0.0, 0, 1]), pitch_mm=2.0, right=np.array([1.0, 0, 0])),
         call("normals", cloud=p["cloud"], window=5),
         call("cloud_mesh", cloud=p["cloud"], fill_px=10),
+        call("height_map_mesh", surface=p["map"], texture=np.ones(p["map"].shape)),
         call("decimate", mesh=p["mesh"], faces=20),
         *[slow("fit_form", points_mm=points, body=body, sigma_mm=np.full(200, 0.1), common_mm=0.01, seed=1) for body, points in bodies.items()],
         slow("fit_region", points_mm=p["grid"], body="plane", common_mm=0.01),

@@ -18,6 +18,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,6 +32,8 @@ from tests.folder_writes import check as check_capture
 from tests.folder_writes import content as capture_content
 from tests.hostile import _cloud, _surface
 
+FOREIGN = [s for s, package in ((".e57", "pye57"), (".las", "laspy")) if find_spec(package)]
+"""Files of points that packages write."""
 WRITER_S = 60.0
 """Time for the kills of one writer, s; slow ones get fewer."""
 MAT_HEADER = 128
@@ -211,9 +214,9 @@ def writers() -> list[Writer]:
     ]
     points = [fw.surface.Points(cloud.xyz_mm.reshape(-1, 3), None) for cloud in clouds]
     found = [
-        *[_files(f"map{s}", lambda p, k: fw.files.write_surface(p, surfaces[k])) for s in (".npz", ".tif", ".x3p", ".gsf", ".ply")],
-        *[_files(f"cloud{s}", lambda p, k: fw.files.write_points(p, clouds[k])) for s in (".ply", ".xyz", ".npz", ".pcd", ".mat")],
-        *[_files(f"mesh{s}", lambda p, k: fw.files.write_mesh(p, meshes[k])) for s in (".stl", ".obj", ".ply", ".glb")],
+        *[_files(f"map{s}", lambda p, k: fw.files.write_surface(p, surfaces[k])) for s in (".npz", ".tif", ".x3p", ".gsf", ".ply", ".csv")],
+        *[_files(f"cloud{s}", lambda p, k: fw.files.write_points(p, clouds[k])) for s in (".ply", ".xyz", ".npz", ".pcd", ".mat", ".csv", *FOREIGN)],
+        *[_files(f"mesh{s}", lambda p, k: fw.files.write_mesh(p, meshes[k])) for s in (".stl", ".obj", ".ply", ".glb", ".3mf")],
         *[_files(f"rig{s}", lambda p, k: fw.files.write_rig(p, rigs[k])) for s in (".toml", ".xml", ".yml")],
         _files("plan.toml", lambda p, k: fw.files.write_plan(p, plans[k])),
         _files("phase.npz", lambda p, k: fw.files.write_phase(p, phases[k])),

@@ -158,6 +158,61 @@ def test_problems_are_tabled(line, tmp_path, capsys):
     assert not check_whole(out, [f"part-{k}" for k in range(COUNT)])["part-2"]["error"]
 
 
+@pytest.fixture
+def gaps(line, tmp_path):
+    """A line of one part, one that was not taken, one that was interrupted, and what is no part."""
+    source = tmp_path / "gaps"
+    shutil.copytree(line / "in" / "part-0", source / "part-0")
+    (source / "part-1").mkdir()
+    shutil.copytree(line / "in" / "part-2", source / "part-2")
+    (source / "part-2" / "capture.toml").rename(source / "part-2" / "unfinished.toml")
+    (source / "part-2" / "unfinished.toml").write_text("")
+    shutil.copytree(line / "in" / "part-3", source / "part-3")
+    (source / "part-3" / "capture.toml").unlink()  # images and a plan are a capture
+    (source / "notes").mkdir()
+    (source / "notes" / "shift.txt").write_text("night")
+    (source / ".cache").mkdir()
+    return source
+
+
+def test_folders_without_frames_are_counted_and_named(line, gaps, tmp_path, capsys):
+    assert [s.name for s in fw.batch.find_scans(gaps)] == ["part-0", "part-1", "part-2", "part-3"]
+    recipe = line / "recipe.toml"
+    code = run(
+        [
+            "batch",
+            str(gaps),
+            "--recipe",
+            str(recipe),
+            "--out",
+            str(tmp_path / "o"),
+            "--workers",
+            "1",
+        ]
+    )
+    assert code == 5
+    said = capsys.readouterr().out
+    assert "4 scans: 2 pass, 0 fail, 0 undecided, 2 not measured" in said
+    assert "1 folder holds no capture: notes" in said
+    assert "part-1: " in said
+    assert "part-2: " in said
+    rows = table(tmp_path / "o" / "summary.csv")
+    assert {name for name, row in rows.items() if row["error"]} == {"part-1", "part-2"}
+
+
+def test_a_watched_folder_tells_at_its_end_what_stayed_empty(line, gaps, tmp_path):
+    turns = iter([True, False])
+
+    def watch():
+        if not (gaps / "part-1" / "plan.toml").exists():  # the frames come while it is watched
+            shutil.copytree(line / "in" / "part-1", gaps / "part-1", dirs_exist_ok=True)
+        return next(turns)
+
+    found = fw.batch.run_batch(gaps, line / "recipe.toml", tmp_path / "w", workers=1, watch=watch)
+    assert [bool(row["error"]) for row in found.rows] == [False, False, True, False]
+    assert found.passed_over == ("notes",)
+
+
 @pytest.mark.long
 def test_a_watched_folder(line, tmp_path):
     """Captures that come while the batch runs are measured as well."""

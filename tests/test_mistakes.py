@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import inspect
 import shutil
 
 import numpy as np
@@ -11,10 +12,11 @@ import tifffile
 from PIL import Image
 
 import fringeworks as fw
+from fringeworks.cli.output import TARGETS
 from fringeworks.files.tiff import read_tiff
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, equal_steps
 from fringeworks.signal.response import phase_of_steps
-from tests.commands import run
+from tests.commands import COMMANDS, run
 
 PLAN = PatternPlan(320, 200, tuple(PhaseSteps("x", p, equal_steps(4)) for p in (20.0, 320.0)))
 
@@ -53,6 +55,107 @@ def test_a_result_does_not_replace_what_is_read(shots, tmp_path):
     assert (shots / "3.png").read_bytes() == photograph
     assert fw.files.read_plan(plan) == PLAN
     run("decode", shots, "--json", shots / "new.json", "--figure", tmp_path / "new.png")
+
+
+def parameters():
+    """Every output of every command with every input, by the names of their parameters."""
+    for name, command in COMMANDS.items():
+        hints = inspect.signature(command.callback).parameters
+        kinds = {key: str(one.annotation) for key, one in hints.items()}
+        inputs = [key for key, kind in kinds.items() if "Path" in kind and key not in TARGETS]
+        for target in sorted(TARGETS.keys() & kinds.keys()):
+            for source in inputs:
+                yield pytest.param(name, target, source, id=f"{name}-{target}-{source}")
+
+
+@pytest.mark.parametrize(("name", "target", "source"), list(parameters()))
+def test_no_output_of_a_command_replaces_an_input(tmp_path, name, target, source):
+    """Refused before anything is read or computed: the file is none of any kind."""
+    callback = COMMANDS[name].callback
+    suffix = next(iter(TARGETS[target]), ".ply")
+    path = tmp_path / f"mine{suffix}"
+    path.write_text("mine")
+    kind = str(inspect.signature(callback).parameters[source].annotation)
+    empty = inspect.Parameter.empty
+    given = {
+        key: None if one.default is empty else one.default
+        for key, one in inspect.signature(callback).parameters.items()
+    }
+    several = "list[" in kind
+    with pytest.raises(fw.FileProblem, match=f"--{target.removesuffix('_file')} would replace"):
+        callback(**given | {source: [path] if several else path, target: path})
+    assert path.read_text() == "mine"
+
+
+@pytest.mark.parametrize("target", ["json_file", "csv", "markdown"])
+def test_no_output_of_a_command_has_a_suffix_of_another_kind(tmp_path, target):
+    path = tmp_path / "photo.png"
+    path.write_text("mine")
+    asked = [c for c in COMMANDS.values() if target in inspect.signature(c.callback).parameters]
+    assert asked
+    for command in asked:
+        if hints := inspect.signature(command.callback).parameters:
+            given = dict.fromkeys(hints) | {target: path}
+            with pytest.raises(fw.FileProblem, match="writes no other kind"):
+                command.callback(**given)
+    assert path.read_text() == "mine"
+
+
+def test_inputs_in_the_words_of_an_option_count(tmp_path):
+    (tmp_path / "4mm.png").write_text("mine")
+    words = (
+        "--reference",
+        "0.png",
+        "--plane",
+        f"4={tmp_path / '4mm.png'}",
+        "--pitch-mm-per-px",
+        "1",
+    )
+    done = run("calibrate-plane", *words, "--out", tmp_path / "4mm.png", code=2)
+    assert "--out would replace" in done.stderr
+    assert (tmp_path / "4mm.png").read_text() == "mine"
+
+
+def test_no_call_of_the_api_writes_to_what_it_reads(shots, tmp_path):
+    (tmp_path / "recipe.toml").write_text("mine")
+    (tmp_path / "rig.html").write_text("mine")
+    for call in (
+        lambda: fw.batch.run_batch(shots, tmp_path / "recipe.toml", shots),
+        lambda: fw.batch.run_batch(shots, tmp_path / "recipe.toml", tmp_path / "recipe.toml"),
+        lambda: fw.batch.run_sequence(shots, tmp_path / "recipe.toml", f"{shots}/../shots"),
+        lambda: fw.write_report(tmp_path / "rig.html", tmp_path / "rig.html"),
+        lambda: fw.write_report(tmp_path / "rig.html", {"a": tmp_path / "rig.html"}),
+        lambda: fw.write_report(tmp_path / "rig.html", [], rig=tmp_path / "rig.html"),
+    ):
+        with pytest.raises(fw.FileProblem, match="would replace what the same call reads"):
+            call()
+    assert (tmp_path / "recipe.toml").read_text() == (tmp_path / "rig.html").read_text() == "mine"
+
+
+WRITERS = [n for n in dir(fw.files) if n.startswith("write_")]
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_no_writer_takes_a_file_of_another_kind(tmp_path, name):
+    """A photograph, a letter, a program: refused before the thing is looked at, and left alone."""
+    mine = tmp_path / "letter.docx"
+    mine.write_bytes(b"mine")
+    more = (PLAN,) if name == "write_stack" else ()
+    with pytest.raises(fw.InputError):
+        getattr(fw.files, name)(mine, _anything(name), *more)
+    assert mine.read_bytes() == b"mine"
+    assert [path.name for path in tmp_path.iterdir()] == ["letter.docx"]
+
+
+def _anything(name):
+    """A thing of the writer's kind, where it needs one before it looks at the path."""
+    return {
+        "write_plan": PLAN,
+        "write_patterns": PLAN,
+        "write_stack": [],
+        "write_frame": np.zeros((4, 5), np.uint8),
+        "write_pair": fw.Pair(reference=np.ones((9, 9)), object=np.ones((9, 9))),
+    }.get(name)
 
 
 @pytest.mark.parametrize("extra", ["preview.jpg", "note.tif", "IMG_0001.png"])

@@ -6,27 +6,15 @@ import re
 from collections import defaultdict
 
 import pytest
-import typer
 
 from fringeworks.cli import panels
-from fringeworks.cli.commands import face, run
+from fringeworks.cli.commands import run
+from tests.commands import COMMANDS
 
 DIFFERENT = {"--out": "what the command writes", "--scale": "a factor of lengths"}
 """Options whose help begins differently from command to command, and what they have in common."""
 SEVERAL = {"--gamma", "--noise", "--bits", "--fringes", "--object"}
 """Options that take several values in `compare`, separated by commas or repeated."""
-
-
-def walked(group, before=""):
-    """All commands with their names."""
-    for name, command in group.commands.items():
-        if hasattr(command, "commands"):
-            yield from walked(command, f"{before}{name} ")
-        else:
-            yield f"{before}{name}", command
-
-
-COMMANDS = dict(walked(typer.main.get_command(face.app)))
 
 
 def options(command):

@@ -263,9 +263,9 @@ def test_calibrations_and_phases_with_more_than_is_read(tmp_path):
         (
             "a.foo",
             HEIGHTS,
-            "a.foo: expected one of .tif, .tiff, .npz, .ply, .x3p, .gsf, got .foo",
+            "a.foo: expected one of .tif, .tiff, .npz, .ply, .x3p, .gsf, .csv, got .foo",
         ),
-        ("a.ply", EXACT["x.npz"], "expected .npz, got .ply"),
+        ("a.ply", EXACT["x.npz"], "expected one of .npz, .csv, got .ply"),
         ("none/a.npz", CLOUD, "expected a writable folder, got none"),
         ("a.npz", object(), "expected one of Pair, Stack, .*, got object"),
         ("a.npz", None, "got NoneType"),
@@ -291,7 +291,7 @@ def test_options_that_a_format_does_not_have(tmp_path):
         ("a.toml", b"]", "expected TOML"),
         ("a.tif", b"II", "expected a readable TIFF"),
         ("a.ply", b"ply", "expected a PLY file"),
-        ("a.pcd", b"VERSION", "expected binary points as PCD"),
+        ("a.pcd", b"VERSION", "expected points as PCD"),
         ("a.json", b"[1]", "another JSON value"),
     ],
 )

@@ -96,7 +96,7 @@ def test_coordinates_keep_everything(tmp_path):
     assert again.noise == found.noise
     assert again.notes == found.notes
     assert (again.y, again.x.repeats_px) == (None, None)
-    with pytest.raises(InputError, match="expected .npz"):
+    with pytest.raises(InputError, match="expected one of .npz, .csv"):
         write_coordinates(tmp_path / "x.tif", found)
     (tmp_path / "bad.npz").write_bytes(b"PK")
     with pytest.raises(InputError, match="expected coordinates"):
@@ -138,7 +138,7 @@ def test_commands_say_what_is_wrong(folder):
         (("patterns", folder / "none.toml", "--out", folder), "no such file"),
         (("decode", folder / "nothing"), "nothing there"),
         (("decode", folder, "--gain", 0.1), "--gain: expected together with --noise"),
-        (("decode", folder, "--out", folder / "x.tif"), "expected .npz"),
+        (("decode", folder, "--out", folder / "x.tif"), "expected one of .npz, .csv"),
         (("decode", folder, "--out", folder / "no" / "x.npz"), "expected a writable folder"),
     ):
         assert words in run(*arguments, code=2).stderr

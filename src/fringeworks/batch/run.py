@@ -11,10 +11,10 @@ from typing import Any
 
 from fringeworks.batch.engines import Engine, engine
 from fringeworks.batch.measure import Job, job_of
-from fringeworks.batch.scans import Scan, find_scans
+from fringeworks.batch.scans import Scan, find_scans, is_ready, passed_over
 from fringeworks.batch.store import Row, Store, check_store
 from fringeworks.evaluate.inspect import rig_of
-from fringeworks.files.atomic import StrPath
+from fringeworks.files.atomic import StrPath, refuse_overwrite
 from fringeworks.files.folder import locked
 from fringeworks.files.limits import is_folder
 from fringeworks.files.recipe import read_recipe
@@ -37,7 +37,10 @@ class BatchResult(Frozen):
     tolerances: tuple[PartTolerance, ...]
     """Those of the recipe."""
     rows: tuple[dict[str, Any], ...]
-    """A row for each scan, in their order: figures, verdicts, seconds, worker, error."""
+    """A row for each scan, in their order: figures, verdicts, seconds, worker, error. Folders that
+    are empty, and those of interrupted captures, have an error."""
+    passed_over: tuple[str, ...] = ()
+    """Names of folders beside the captures that hold something else."""
 
     @property
     def failed(self) -> int:
@@ -107,7 +110,8 @@ def run_batch(
     give equal bytes. A scan during which a worker dies is measured again. If workers die on it
     twice it is set aside, and tried once more, alone, when all others are done.
     """
-    scans = _found(source, watch)
+    refuse_overwrite(out, source, recipe)
+    scans = _found(source, ready=watch is not None)
     known = _complete(recipe if isinstance(recipe, Recipe) else read_recipe(recipe))
     folder = Path(out)
     check_store(folder)
@@ -128,21 +132,28 @@ def run_batch(
                 progress(row, len(scans))
             ordered = [rows[name] for name in sorted(rows)]
             store.write_summary(ordered)
-            if watch is None or not watch():
+            if watch is None:
                 break
-            scans = _found(source, watch)
+            if watch():
+                scans = _found(source, ready=True)
+            else:
+                # Nothing more comes: folders without their frames are told.
+                watch, scans = None, _found(source, ready=False)
         store.end()
-    return BatchResult(folder, store.summary, known.tolerances, tuple(ordered))
+    left = passed_over(source)
+    return BatchResult(folder, store.summary, known.tolerances, tuple(ordered), left)
 
 
-def _found(source: StrPath, watch: Callable[[], bool] | None) -> list[Scan]:
-    """The scans that are there; a folder that a line fills may be empty at first."""
+def _found(source: StrPath, *, ready: bool) -> list[Scan]:
+    """The scans that are there; of a folder that a line fills, those that are complete: it may be
+    empty at first."""
     try:
-        return find_scans(source)
+        scans = find_scans(source)
     except FileProblem:
-        if watch is None or not is_folder(Path(source)):
+        if not ready or not is_folder(Path(source)):
             raise
         return []
+    return [s for s in scans if not ready or s.index is not None or is_ready(s.place)]
 
 
 def _measured(runner: Engine, scans: list[Scan], job: Job) -> Iterator[Row]:

@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.capture_writer import UNFINISHED_FILE
 from fringeworks.files.limits import is_file, is_folder, read_content
 from fringeworks.files.pair import CAPTURE_FILE
+from fringeworks.files.plan import PLAN_FILE
 from fringeworks.files.zarr_array import (
     INSTALL,
     ZARR_FILE,
@@ -48,7 +50,8 @@ def find_scans(source: StrPath) -> list[Scan]:
     Parameters
     ----------
     source : path or address
-        A folder with a folder for each capture; a Zarr array (scan, frame, row, column); or the
+        A folder with a folder for each capture, those that are empty or unfinished among them, so
+        that no part is lost without a word; a Zarr array (scan, frame, row, column); or the
         address of either that fsspec opens, such as ``s3://bucket/line-1``.
 
     Raises
@@ -64,13 +67,37 @@ def find_scans(source: StrPath) -> list[Scan]:
         return _of_array(text)
     if not is_folder(folder):
         raise FileProblem(f"{folder}: expected a folder of captures or a Zarr array, got none")
-    found = [
-        Scan(path.parent.relative_to(folder).as_posix(), str(path.parent))
-        for path in sorted(folder.glob(f"*/{CAPTURE_FILE}"))
-    ]
-    if not found:
+    found = [place for place in _folders(folder) if _is_scan(place)]
+    if not any(is_ready(str(place)) for place in found):
         raise FileProblem(f"{folder}: expected folders with {CAPTURE_FILE}, got none")
-    return found
+    return [Scan(place.name, str(place)) for place in found]
+
+
+def _folders(folder: Path) -> list[Path]:
+    """Folders in a folder, by name, but for hidden ones."""
+    return sorted(p for p in folder.iterdir() if is_folder(p) and not p.name.startswith("."))
+
+
+def _is_scan(folder: Path) -> bool:
+    """Whether a folder is a capture, or one whose frames are missing."""
+    described = is_ready(str(folder)) or is_file(folder / UNFINISHED_FILE)
+    return described or not any(folder.iterdir())
+
+
+def is_ready(place: str) -> bool:
+    """Whether a capture is complete, as far as its folder tells; addresses are."""
+    folder = Path(place)
+    names = (CAPTURE_FILE, PLAN_FILE)
+    unfinished = is_file(folder / UNFINISHED_FILE)
+    return "://" in place or (any(is_file(folder / n) for n in names) and not unfinished)
+
+
+def passed_over(source: StrPath) -> tuple[str, ...]:
+    """Names of the folders in a folder of captures that are none."""
+    folder = Path(source)
+    if "://" in str(source) or is_file(folder / ZARR_FILE) or not is_folder(folder):
+        return ()
+    return tuple(place.name for place in _folders(folder) if not _is_scan(place))
 
 
 def _at_address(address: str) -> list[Scan]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fringeworks.batch.sequence_store import SequenceStore
 from fringeworks.evaluate.inspect import masked, rig_of
 from fringeworks.evaluate.vibrations import AreaTracker, Displacement, Vibration, vibration
-from fringeworks.files.atomic import StrPath, write_text
+from fringeworks.files.atomic import StrPath, refuse_overwrite, write_text
 from fringeworks.files.recipe import read_recipe
 from fringeworks.files.sequence import FrameSequence, read_sequence
 from fringeworks.pipeline.sequences import measure_sequence
@@ -87,6 +87,7 @@ def run_sequence(
     contradict the plan, and values out of range; FileProblem for files; MissingPackage without the
     extra ``batch``.
     """
+    refuse_overwrite(out, source, recipe)
     known = recipe if isinstance(recipe, Recipe) else read_recipe(recipe)
     rig, place = _checked(known, Path(out), rate_hz)
     check_every(every)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -90,11 +91,21 @@ def batch(
     counts = {name: found.count(name) for name in ("pass", "fail", "undecided")}
     told_counts = ", ".join(f"{count} {name}" for name, count in counts.items())
     words.say(f"{len(found.rows)} scans: {told_counts}, {found.failed} not measured")
+    _say_passed_over(words, found.passed_over)
     if report is not None:
         fw.batch.write_batch_report(report, found)
     words.wrote(out, found.summary, report)
     code = 3 if counts["fail"] else 4 if counts["undecided"] else 0
     raise typer.Exit(NOT_MEASURED if found.failed else code)
+
+
+def _say_passed_over(words: output.Output, folders: Sequence[str]) -> None:
+    """Name the folders that hold no capture."""
+    if folders:
+        more = len(folders) - SHOWN
+        others = f" and {more} more" if more > 0 else ""
+        count = f"{len(folders)} folder{'s hold' if len(folders) > 1 else ' holds'} no capture"
+        words.say(f"{count}: {', '.join(folders[:SHOWN])}{others}")
 
 
 def _wait() -> bool:

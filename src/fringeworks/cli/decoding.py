@@ -39,7 +39,8 @@ class StackOptions:
         str | None,
         typer.Option(
             help="Channels of colour images that are a frame each: g for green alone, rgb for "
-            "three frames in every image. Luminance by default."
+            "three frames in every image; best for the combination with the least noise. "
+            "Luminance by default."
         ),
     ] = None
     camera_name: CameraName = None

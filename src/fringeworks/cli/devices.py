@@ -198,7 +198,8 @@ def scan(
         Path,
         typer.Option(
             "--out",
-            help="Points: .ply, .xyz, .npz, .pcd, .mat or .mcap; with --turntable .ply.",
+            help="Points: .ply, .xyz, .npz, .pcd, .csv, .e57, .las, .laz, .mat or .mcap; with "
+            "--turntable none of .npz and .mat.",
         ),
     ],
     folder: Annotated[
@@ -236,7 +237,7 @@ def scan(
         return
     if board is not None or turn is not None:
         raise fw.InputError("--board and --turn: expected together with --turntable")
-    output.check(out, "points")
+    output.check(out, "points", content=ply.value)
     show.check()
     known = fw.files.read_rig(rig)
     how = fw.scan.Take(**vars(taking))

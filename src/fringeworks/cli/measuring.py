@@ -33,7 +33,7 @@ def measure_points(
     ``known`` are further options of ``fringeworks.measure``.
     """
     words = output.Output(out, *show.targets)
-    output.check(out, "points")
+    output.check(out, "points", content=ply)
     show.check()
     options = how.options
     with output.progress() as progress:

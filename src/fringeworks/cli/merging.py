@@ -14,7 +14,7 @@ from fringeworks.cli import output
 from fringeworks.cli.app import app
 
 SECTION = "Results"
-MESHES = (".stl", ".obj", ".glb")
+MESHES = (".stl", ".obj", ".glb", ".3mf")
 """Kinds of files that hold a mesh and no points."""
 
 
@@ -34,7 +34,11 @@ def merge(
     views: Annotated[list[Path], typer.Argument(help="Clouds of the part (.npz), in order.")],
     out: Annotated[
         Path,
-        typer.Option("--out", help="Points (.ply), or a watertight mesh (.stl, .obj, .glb)."),
+        typer.Option(
+            "--out",
+            help="Points (.ply, .pcd, .csv, .xyz, .e57, .las), or a watertight mesh (.stl, .obj, "
+            ".glb, .3mf).",
+        ),
     ],
     poses: Annotated[
         PosesName, typer.Option(help="Where the poses of the views come from.")

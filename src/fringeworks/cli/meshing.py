@@ -25,8 +25,10 @@ SECTION = "Results"
     "--out part.stl",
 )
 def mesh(
-    cloud: Annotated[Path, typer.Argument(help="Cloud to mesh (.npz).")],
-    out: Annotated[Path, typer.Option("--out", help="File to write: .stl, .obj, .glb or .ply.")],
+    cloud: Annotated[Path, typer.Argument(help="Cloud to mesh (.npz, or a whole frame).")],
+    out: Annotated[
+        Path, typer.Option("--out", help="File to write: .stl, .obj, .glb, .3mf or .ply.")
+    ],
     clean: Annotated[
         bool, typer.Option(help="Remove isolated points, mixtures on edges and small islands.")
     ] = True,

@@ -89,14 +89,21 @@ class ZeroName(StrEnum):
 
 
 class Ply(StrEnum):
-    """Content of a .ply file."""
+    """Content of a file of points."""
 
     points = "points"
     normals = "normals"
     mesh = "mesh"
+    frame = "frame"
 
 
-PlyOption = Annotated[Ply, typer.Option("--ply", help="Content of a .ply file.")]
+PlyOption = Annotated[
+    Ply,
+    typer.Option(
+        "--ply",
+        help="Content of a file of points; mesh: .ply; frame: all pixels, as .pcd, .csv or .e57.",
+    ),
+]
 DenoiseOption = Annotated[
     DenoiserName | None, typer.Option("--denoise", help="Remove noise from both frames first.")
 ]
@@ -170,3 +177,18 @@ def depth_of(text: str | None) -> tuple[float, float] | None:
         raise fw.InputError(
             f"--depth: expected two depths in mm as 450:560, got {text!r}"
         ) from error
+
+
+def gains_of(text: str | None) -> tuple[float, float, float] | None:
+    """Gains of red, green and blue from ``1.9,1,1.4``, or from a capture of a grey card."""
+    if text is None:
+        return None
+    if Path(text).exists():
+        return fw.stack.white_balance(fw.files.read_stack(text))
+    try:
+        red, green, blue = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise fw.InputError(
+            f"--white-balance: expected three gains, as 1.9,1,1.4, or a capture, got {text!r}"
+        ) from error
+    return red, green, blue

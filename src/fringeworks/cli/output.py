@@ -229,7 +229,7 @@ DRAWN = {"figure": _figure, "report": _report, "board": _board}
 """What is drawn by Matplotlib, which is loaded only where there is a file to check."""
 
 
-def check(path: Path | None, *kinds: str) -> None:
+def check(path: Path | None, *kinds: str, content: str | None = None) -> None:
     """Refuse a target that cannot be written, before anything is computed for it.
 
     Parameters
@@ -237,6 +237,8 @@ def check(path: Path | None, *kinds: str) -> None:
     path : Path, optional
     *kinds : str
         One of ``DRAWN``, or formats of ``fringeworks.files.formats``, one of which is written.
+    content : str, optional
+        What a file of points is to hold, as ``--ply`` says.
     """
     if path is None:
         return
@@ -245,6 +247,10 @@ def check(path: Path | None, *kinds: str) -> None:
         from fringeworks.report.drawing import need_plots
 
         need_plots(f"{path}")
+    if content is not None:
+        from fringeworks.files.point_writers import check_kind
+
+        check_kind(Path("points.ply") if is_stdout(path) else path, content)
     if is_stdout(path):
         return
     if drawn is not None:
@@ -278,8 +284,8 @@ def refuse_inputs(given: Mapping[str, Any]) -> None:
         path
         for name, value in given.items()
         if name not in TARGETS
-        for path in (value if isinstance(value, list | tuple) else (value,))
-        if isinstance(path, Path)
+        for one in (value if isinstance(value, list | tuple) else (value,))
+        for path in _paths_in(one)
     ]
     for name, path in targets.items():
         if not isinstance(path, Path) or is_stdout(path):
@@ -287,6 +293,24 @@ def refuse_inputs(given: Mapping[str, Any]) -> None:
         option = _check_suffix(name, path)
         if any(_reads(source, path) for source in read):
             raise fw.FileProblem(f"{path}: {option} would replace what this command reads")
+
+
+def _paths_in(value: Any) -> list[Path]:
+    """The paths that the value of an option names: itself, or after = or :, where they exist."""
+    if isinstance(value, Path):
+        return [value]
+    if not isinstance(value, str) or "\0" in value:
+        return []
+    parts = (value, value.partition("=")[2], value.partition(":")[2])
+    return [Path(part) for part in parts if part and is_there(part)]
+
+
+def is_there(name: str) -> bool:
+    """Whether a file or folder has a name; False for a name that nothing can have."""
+    try:
+        return Path(name).exists()
+    except (OSError, ValueError):
+        return False
 
 
 def _check_suffix(name: str, path: Path) -> str:

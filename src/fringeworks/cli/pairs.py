@@ -164,8 +164,8 @@ def reconstruct(
         Path | None,
         typer.Option(
             "--out",
-            help="Height map: .tif, .npz, .ply, .x3p or .gsf; '-' is TIFF. With --rig, points: "
-            ".ply, .xyz or .npz; '-' is PLY.",
+            help="Height map: .tif, .npz, .ply, .x3p, .gsf or .csv; '-' is TIFF. With --rig, "
+            "points as those of `measure`; '-' is PLY.",
         ),
     ] = None,
     ply: PlyOption = Ply.points,
@@ -175,10 +175,8 @@ def reconstruct(
 ) -> None:
     """Measure the surface of a pair of frames."""
     words = output.Output(out, *show.targets)
-    output.check(out, "surface" if on_rig.rig is None else "points")
+    _check_out(out, ply, points=on_rig.rig is not None)
     show.check()
-    if ply is Ply.normals and on_rig.rig is None:
-        raise fw.InputError("--ply normals: expected together with --rig, for points")
     pair = _changed(
         _read(capture, reference, object),
         axis=None if axis is None else axis.value,
@@ -214,6 +212,16 @@ def reconstruct(
     show.write(result, figures, name=name, provenance=result.surface.provenance)
     words.tell(result, figures)
     words.wrote(out, show.figure, show.report)
+
+
+def _check_out(out: Path | None, ply: Ply, *, points: bool) -> None:
+    """Refuse a file that cannot be written."""
+    if points:
+        output.check(out, "points", content=ply.value)
+    elif ply in (Ply.normals, Ply.frame):
+        raise fw.InputError(f"--ply {ply.value}: expected together with --rig, for points")
+    else:
+        output.check(out, "surface")
 
 
 def _figures(result: fw.Reconstruction, pair: fw.Pair) -> dict[str, Any]:

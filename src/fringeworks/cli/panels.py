@@ -11,8 +11,8 @@ MANY = 13
 PANELS = {
     "Devices": "projector camera exposure-ms gain-db pixel-format",
     "Frames": "frames auto-exposure hdr average fast most-saturated resume plan setup steps "
-    "set channels reference object black white mask background camera-name projector-name noise "
-    "gain saturation min-modulation modulation",
+    "set channels white-balance reference object black white mask background "
+    "camera-name projector-name noise gain saturation min-modulation modulation",
     "Scene": "shape size height-mm fringes gamma bits ambient paint seed matrix",
     "Geometry": "rig projector-size axes axis depth blur-px epipolar-px geometry distance-mm "
     "baseline-mm pitch-mm-per-px sign principal-px plane-coordinates plane-equation "

@@ -25,6 +25,7 @@ from fringeworks.cli.options import (
     ProjectorWords,
     ResponseFile,
     depth_of,
+    gains_of,
     items,
 )
 from fringeworks.cli.showing import ShowOptions
@@ -318,11 +319,19 @@ def measure(
             "removed. By default that of the rig; 0 keeps the error."
         ),
     ] = None,
+    white_balance: Annotated[
+        str | None,
+        typer.Option(
+            help="Gains of red, green and blue for the colour of points, as 1.9,1,1.4; or a "
+            "capture of a grey card that fills the frame."
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
             "--out",
-            help="Points: .ply, .xyz, .npz, .pcd, .mat, .mcap; '-' is PLY. Several cameras: PLY.",
+            help="Points: .ply, .xyz, .npz, .pcd, .csv, .e57, .las, .laz, .mat or .mcap; '-' is "
+            "PLY. Several cameras: none of .npz and .mat.",
         ),
     ] = None,
     ply: PlyOption = Ply.points,
@@ -332,14 +341,13 @@ def measure(
     """Measure the points of one or several cameras' frames with a calibrated rig."""
     chosen: Literal["x", "y"] | None = None if axis is None else axis.value
     if len(stacks) > 1:
-        if (epipolar_px, depth, blur_px) != (None, None, None) or ply != Ply.points:
+        if (epipolar_px, depth, blur_px, white_balance) != (None,) * 4 or ply != Ply.points:
             raise fw.InputError(
-                "measure: --epipolar-px, --depth, --blur-px and --ply cannot be combined with "
-                "several cameras"
+                "measure: --epipolar-px, --depth, --blur-px, --white-balance and --ply cannot be "
+                "combined with several cameras"
             )
         measure_cameras(stacks, rig_file, out, how, chosen, show)
         return
     known = {"axis": chosen, "epipolar_px": epipolar_px, "blur_px": blur_px}
-    measure_points(
-        stacks[0], rig_file, out, how, show, ply.value, **known, depth_mm=depth_of(depth)
-    )
+    known |= {"depth_mm": depth_of(depth), "white_balance": gains_of(white_balance)}
+    measure_points(stacks[0], rig_file, out, how, show, ply.value, **known)

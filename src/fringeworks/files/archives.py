@@ -1,4 +1,4 @@
-"""Coordinates, wrapped phases and separated light on disk: an NPZ archive each."""
+"""Coordinates, wrapped phases and separated light on disk: an NPZ archive each, or CSV."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.files.atomic import StrPath
+from fringeworks.files.atomic import StrPath, check_target, replacing
+from fringeworks.files.csv_table import CSV
 from fringeworks.files.limits import parsing
 from fringeworks.files.npz import (
     FINDINGS,
@@ -23,11 +24,16 @@ from fringeworks.files.npz import (
     read_npz,
     texts,
 )
+from fringeworks.files.result_csv import read_coordinates_csv, write_coordinates_csv
 from fringeworks.pair.unwrap import Unwrapped
 from fringeworks.stack.light_separation import LightSeparation
 from fringeworks.stack.wrapped import WrappedPhase
 from fringeworks.types import Axis, CoordinateMap, Decoded, FileProblem
 
+COORDINATE_SUFFIXES = (".npz", CSV)
+"""Suffixes of files of coordinates."""
+COORDINATE_ADVICE = "coordinates are written as .npz or .csv, and become points with a rig"
+"""What to do about another suffix."""
 LIGHT = Archive(
     LightSeparation,
     "separated light",
@@ -88,10 +94,16 @@ AXES: dict[Axis, Archive[CoordinateMap]] = {"x": _coordinates("m"), "y": _coordi
 def write_coordinates(path: StrPath, decoded: Decoded) -> Path:
     """Write decoded coordinates, whole or not at all.
 
-    Arrays ``x_coordinate_px``, ``x_sigma_px``, ``x_modulation``, ``x_background``, ``x_reason``
-    and ``x_periods_px``, the same with ``y_``, for the axes there are; ``noise`` (read, gain),
-    ``findings`` (JSON) and ``notes``, their text.
+    ``.npz`` has arrays ``x_coordinate_px``, ``x_sigma_px``, ``x_modulation``, ``x_background``,
+    ``x_reason`` and ``x_periods_px``, the same with ``y_``, for the axes there are; ``noise``
+    (read, gain), ``findings`` (JSON) and ``notes``, their text. ``.csv`` has the same as a table
+    with a row for every pixel, without the phases of the sets.
     """
+    check_target(path, COORDINATE_SUFFIXES, COORDINATE_ADVICE)
+    if Path(path).suffix.lower() == CSV:
+        with replacing(path) as temporary:
+            write_coordinates_csv(temporary, decoded)
+        return Path(path)
     arrays: dict[str, Any] = {"notes": texts(decoded.notes)}
     for axis, found in decoded.maps.items():
         arrays |= {f"{axis}_{n}": values for n, values in AXES[axis].arrays(found).items()}
@@ -99,13 +111,15 @@ def write_coordinates(path: StrPath, decoded: Decoded) -> Path:
 
 
 def read_coordinates(path: StrPath) -> Decoded:
-    """Read decoded coordinates.
+    """Read decoded coordinates, of ``.npz`` or ``.csv``.
 
     Raises
     ------
     FileProblem where there is no such file, or it holds no coordinates.
     """
     path = Path(path)
+    if path.suffix.lower() == CSV:
+        return read_coordinates_csv(path)
     layout = DECODED.layout | {
         f"{axis}_{name}": f"?{form.lstrip('?')}"
         for axis, archive in AXES.items()

@@ -87,3 +87,22 @@ def check_target(path: StrPath, suffixes: Iterable[str], advice: str = "") -> No
         )
     if not os.path.isdir(path.parent):
         raise FileProblem(f"{path}: expected a writable folder, got none at {path.parent}")
+
+
+def refuse_overwrite(target: StrPath, *sources: object) -> None:
+    """Refuse, before anything is computed, to write to what the same call reads.
+
+    Parameters
+    ----------
+    target : path
+    *sources : object
+        Inputs of the call; those that are no path do not count.
+
+    Raises
+    ------
+    FileProblem where a source is the target.
+    """
+    there = os.path.realpath(target)
+    for source in sources:
+        if isinstance(source, str | os.PathLike) and os.path.realpath(source) == there:
+            raise FileProblem(f"{target}: it would replace what the same call reads")

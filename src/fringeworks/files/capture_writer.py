@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomli_w
@@ -20,8 +20,11 @@ from fringeworks.files.pair import CAPTURE_FILE, DevicesSection
 from fringeworks.files.plan import PLAN_FILE, format_plan, frame_names
 from fringeworks.files.toml import read_toml
 from fringeworks.patterns.plan import PatternPlan
+from fringeworks.stack.grey_card import check_gains
 from fringeworks.types import CameraSettings, FileProblem, FramesContradictPlan, InputError, Region
 
+Gain = Annotated[float, Field(gt=0)]
+"""Factor of a colour, above 0."""
 UNFINISHED_FILE = "unfinished.toml"
 """In a folder whose frames are not all taken yet: what the capture will be."""
 TRUTH_FILE = "truth.npz"
@@ -47,6 +50,8 @@ class UnfinishedFile(Section):
 
     saturation: float | None = Field(default=None, gt=0)
     """Counts from which on a sample is not trusted."""
+    white_balance: tuple[Gain, Gain, Gain] | None = None
+    """Gains of red, green and blue."""
     devices: DevicesSection = DevicesSection()
     settings: SettingsSection = SettingsSection()
 
@@ -116,6 +121,7 @@ def writing_capture(
     settings: CameraSettings | None = None,
     averaged: int = 1,
     saturation: float | None = None,
+    white_balance: Sequence[float] | None = None,
     resume: bool = False,
     force: bool = False,
 ) -> Iterator[CaptureWriter]:
@@ -138,6 +144,8 @@ def writing_capture(
         Number of frames that each frame is the mean of.
     saturation : float, optional
         Counts from which on a sample is not trusted.
+    white_balance : (red, green, blue), optional
+        Gains of the colour of points.
     resume : bool
         Keep the frames of a capture that was interrupted. Its plan, devices and settings must be
         the same. A complete capture is left as it is.
@@ -151,6 +159,8 @@ def writing_capture(
     """
     stems = frame_names(plan, "")
     content = _description(camera, projector, settings, averaged, saturation)
+    if white_balance is not None:
+        content = {"white_balance": list(check_gains(white_balance)), **content}
     kept = _kept(Path(folder), content, plan, stems) if resume else ()
     index = (CAPTURE_FILE, PLAN_FILE)
     with replacing_folder(folder, "capture", index=index, force=force, kept=kept) as writer:

@@ -21,6 +21,12 @@ TOML = ".toml"
 """Suffix of files that are told apart by the kind that they name."""
 
 
+CSV = ".csv"
+"""Suffix of tables, which are told apart by the kind that they name."""
+POINT_SUFFIXES = (".e57", ".las", ".laz")
+"""Files of points that packages read and write."""
+
+
 class Functions(NamedTuple):
     """What reads and what writes a kind of files."""
 
@@ -48,6 +54,8 @@ class Format:
     """Names of arrays, one of which every archive has and no other kind has."""
     kinds: Sequence[str] = ()
     """Kinds that descriptions in TOML name."""
+    tables: Sequence[str] = ()
+    """Kinds that tables (CSV) name."""
     advice: str = ""
     """What to do about another suffix, for messages."""
     needs: Callable[[str], None] = lambda _: None
@@ -142,6 +150,7 @@ def _() -> Functions:
             camera=stack.camera,
             projector=stack.projector,
             saturation=stack.saturation,
+            white_balance=stack.white_balance,
             **options,
         )
 
@@ -155,12 +164,19 @@ def _() -> Functions:
     return Functions(read_plan, write_plan)
 
 
+def _need_point_package(suffix: str) -> None:
+    from fringeworks.files.point_writers import need_package
+
+    need_package(suffix)
+
+
 @declare(
     "points",
     "a point cloud",
     ["PointCloud"],
-    [".ply", ".xyz", ARCHIVE, ".pcd", ".mcap", ".mat"],
+    [".ply", ".xyz", ARCHIVE, ".pcd", ".mcap", ".mat", CSV, *POINT_SUFFIXES],
     arrays=["xyz_mm"],
+    needs=_need_point_package,
 )
 def _() -> Functions:
     from fringeworks.files.points import read_cloud, write_points
@@ -168,25 +184,34 @@ def _() -> Functions:
     return Functions(read_cloud, write_points)
 
 
-@declare("merged", "points without a frame", ["Points"], [".ply"], reads=[".xyz", ".pcd"])
+@declare(
+    "merged",
+    "points without a frame",
+    ["Points"],
+    [".ply", ".xyz", ".pcd", ".mcap", CSV, *POINT_SUFFIXES],
+    reads=[".xyz", ".pcd", *POINT_SUFFIXES],
+    tables=["points"],
+    needs=_need_point_package,
+)
 def _() -> Functions:
     from fringeworks.files.merged import write_merged_points
-    from fringeworks.files.points import read_points
+    from fringeworks.files.points import read_point_file
     from fringeworks.types import Points
 
     def write(path: StrPath, points: Points) -> None:
         write_merged_points(path, points, provenance=points.provenance)
 
-    return Functions(read_points, write)
+    return Functions(read_point_file, write)
 
 
 @declare(
     "surface",
     "a height map",
     ["HeightMap"],
-    [".tif", ".tiff", ARCHIVE, ".ply", ".x3p", ".gsf"],
+    [".tif", ".tiff", ARCHIVE, ".ply", ".x3p", ".gsf", CSV],
     reads=[".x3p", ".gsf"],
     arrays=["values"],
+    tables=["heights"],
 )
 def _() -> Functions:
     from fringeworks.files.surfaces import PlyKind, read_surface, write_surface
@@ -202,8 +227,8 @@ def _() -> Functions:
     "mesh",
     "a mesh",
     ["TriangleMesh"],
-    [".stl", ".obj", ".glb", ".ply"],
-    reads=[".stl", ".obj", ".off", ".glb"],
+    [".stl", ".obj", ".glb", ".3mf", ".ply"],
+    reads=[".stl", ".obj", ".off", ".glb", ".3mf"],
 )
 def _() -> Functions:
     from fringeworks.files.mesh import read_triangles
@@ -216,9 +241,10 @@ def _() -> Functions:
     "coordinate",
     "projector coordinates",
     ["Decoded"],
-    [ARCHIVE],
+    [ARCHIVE, CSV],
     arrays=["x_coordinate_px", "y_coordinate_px"],
-    advice="coordinates are written as .npz, and become points with a rig",
+    tables=["coordinates"],
+    advice="coordinates are written as .npz or .csv, and become points with a rig",
 )
 def _() -> Functions:
     from fringeworks.files.archives import read_coordinates, write_coordinates

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.files.atomic import StrPath, replacing
+from fringeworks.files.best_channels import BEST, best_weights, combined
 from fringeworks.files.limits import (
     MAX_LENGTH_PX,
     check_frame_size,
@@ -187,9 +188,12 @@ def read_frame(path: StrPath) -> tuple[NDArray[Any], tuple[str, ...]]:
 def checked_channels(channels: str | None) -> str:
     """Channels as they were given, empty for none; ``InputError`` for other letters."""
     channels = channels or ""
+    if channels == BEST:
+        return channels
     if set(channels) - set(CHANNELS) or len(set(channels)) < len(channels):
         raise InputError(
-            f"channels: expected some of r, g and b, each once, as g or rgb, got {channels!r}"
+            "channels: expected some of r, g and b, each once, as g or rgb, or best, got "
+            f"{channels!r}"
         )
     return channels
 
@@ -213,7 +217,8 @@ def read_frames(
         a channel at the limit of its type gets that limit as luminance, because the mean of clipped
         and other channels does not show that it is saturated.
     channels : str
-        Channels of colour images that are a frame each, as "g" or "rgb"; empty for luminance.
+        Channels of colour images that are a frame each, as "g" or "rgb"; "best" for the combination
+        of all with the least noise; empty for luminance.
     weights : mapping, optional
         Weights of the images, by their numbers, whose mean is the colour of the scene.
 
@@ -227,6 +232,9 @@ def read_frames(
     files; FileProblem as ``read_frame``.
     """
     colours = _Colours(weights or {})
+    if channels == BEST:
+        images = _read_all(paths, "".join(CHANNELS), colours)
+        return _least_noise(images, colours)
     images = _read_all(paths, channels, colours)
     for image in images:
         if stack and image.kind != images[0].kind:
@@ -244,6 +252,31 @@ def read_frames(
         1.0 if whole else None,
         any(image.lossy for image in images),
         float(np.iinfo(images[0].kind).max) if stack and converted and whole else None,
+        colours.mean(),
+    )
+
+
+def _least_noise(images: Sequence[_Image], colours: _Colours) -> ReadFrames:
+    """Frames of colour images, by the combination of their channels with the least noise."""
+    count = len(CHANNELS)
+    several = [images[k : k + count] for k in range(0, len(images), count)]
+    kind, shape = images[0].kind, images[0].grey.shape
+    for image in images:
+        if image.kind != kind or image.grey.shape != shape:
+            raise FramesContradictPlan(
+                f"{image.path}: expected counts as in {images[0].path.name}, {kind} {shape}, got "
+                f"{image.kind} {image.grey.shape}"
+            )
+    frames = [np.stack([image.grey for image in one], axis=-1) for one in several]
+    weights = best_weights(frames)
+    words = ", ".join(f"{w:.2f} {name}" for w, name in zip(weights, CHANNELS, strict=True))
+    whole = kind.kind in "ui"
+    return ReadFrames(
+        tuple(sealed(combined(frame, weights)) for frame in frames),
+        (f"frames are the combination of channels with the least noise: {words}",),
+        1.0 if whole else None,
+        any(image.lossy for image in images),
+        float(np.iinfo(kind).max) if whole else None,
         colours.mean(),
     )
 

@@ -1,51 +1,41 @@
-"""Points without a frame as PLY files: a part that was merged from several views."""
+"""Points without a frame as files: a part that was merged from several views."""
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
+from pathlib import Path
 
 from fringeworks.files.atomic import StrPath, check_target, replacing
-from fringeworks.files.ply import write_ply
-from fringeworks.files.provenance import comment_lines
-from fringeworks.files.white import eight_bits, white_of
+from fringeworks.files.point_table import PointTable
+from fringeworks.files.point_writers import TABLE_WRITERS, need_package
 from fringeworks.types import InputError, Points, Provenance
 
 
 def write_merged_points(
     path: StrPath, points: Points, *, provenance: Provenance | None = None
 ) -> None:
-    """Write points with σ, noise, normals and brightness, as far as they have them, as ``.ply``.
+    """Write points with σ, noise, normals and colour, as far as they have them and the file does.
 
     Parameters
     ----------
     path : path
+        ``.ply``, ``.pcd``, ``.csv``, ``.e57``, ``.las``, ``.laz``, ``.mcap``, or ``.xyz``, which
+        has σ alone.
     points : Points
     provenance : Provenance, optional
-        Written into the header.
+        Written into the file; by default that of the points.
 
     Raises
     ------
     FileProblem for another suffix and a folder that cannot be written to; InputError for no
-    points.
+    points; MissingPackage where a format needs a package that is not installed.
     """
-    check_target(path, (".ply",))
-    count = len(points.xyz_mm)
-    if not count:
+    check_target(path, TABLE_WRITERS)
+    suffix = Path(path).suffix.lower()
+    need_package(suffix)
+    if not len(points.xyz_mm):
         raise InputError(f"{path}: expected points to write, got none")
-    columns = dict(zip("xyz", points.xyz_mm.T, strict=True))
-    if points.normals is not None:
-        columns |= dict(zip(("nx", "ny", "nz"), points.normals.T, strict=True))
-    known = {"sigma": points.sigma_mm, "noise": points.noise_mm}
-    columns |= {name: values for name, values in known.items() if values is not None}
-    fields = [(name, "<f4") for name in columns]
-    white = None if points.colour is None else white_of(points.colour)
-    if white is not None:
-        fields += [(name, "u1") for name in ("red", "green", "blue")]
-    table = np.empty(count, dtype=fields)
-    for name, values in columns.items():
-        table[name] = values
-    if points.colour is not None and white is not None:
-        table["red"], table["green"], table["blue"] = eight_bits(points.colour, white).T
-    comments = ["fringeworks; coordinates of the part; unit mm", *comment_lines(provenance)]
+    if provenance is not None:
+        points = replace(points, provenance=provenance)
     with replacing(path) as temporary:
-        write_ply(temporary, [table], count, None, comments)
+        TABLE_WRITERS[suffix](temporary, PointTable(points))

@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.limits import existing_file, parsing, read_content
 from fringeworks.files.mesh_writer import METRE
-from fringeworks.files.pcd import COLOURS
 from fringeworks.files.ply import own_triangles, read_ply
-from fringeworks.files.points import check_unit, columns_of
+from fringeworks.files.point_readers import check_unit
+from fringeworks.files.point_table import COLOURS
+from fringeworks.files.points import columns_of
 from fringeworks.files.provenance import from_comments
+from fringeworks.files.threemf import SUFFIX as SUFFIX_3MF
+from fringeworks.files.threemf import read_3mf
 from fringeworks.simulate.bodies import Mesh
 from fringeworks.surface.closest import numbered
 from fringeworks.types import (
@@ -25,7 +28,7 @@ from fringeworks.types import (
     TriangleMesh,
 )
 
-SUFFIXES = (".stl", ".ply", ".obj", ".off", ".glb")
+SUFFIXES = (".stl", ".ply", ".obj", ".off", ".glb", SUFFIX_3MF)
 """Kinds of files that are read."""
 INWARDS = "the triangles of the model pointed inwards and were turned over"
 """Said of a closed model whose triangles run clockwise as seen from outside."""
@@ -61,7 +64,8 @@ def read_model(path: StrPath, *, scale: float = 1.0) -> TriangleMesh:
     Parameters
     ----------
     path : Path
-        ``.stl`` (binary or text), ``.ply``, ``.obj``, ``.off`` or ``.glb``, which is in metres.
+        ``.stl`` (binary or text), ``.ply``, ``.obj``, ``.off``, ``.3mf``, whose unit is read, or
+        ``.glb``, which is in metres.
     scale : float > 0
         mm per unit of the file: 25.4 for inches.
 
@@ -94,7 +98,7 @@ def read_triangles(path: StrPath) -> TriangleMesh:
     ----------
     path : path
         ``.ply``: the vertices as they are, with σ, colour, and the mark of filled ones. ``.stl``,
-        ``.obj``, ``.off``, ``.glb``: as ``read_model``.
+        ``.obj``, ``.off``, ``.3mf``, ``.glb``: as ``read_model``.
 
     Returns
     -------
@@ -148,6 +152,10 @@ def _triangles(path: StrPath, scale: float) -> tuple[FloatMap, NDArray[np.int64]
         raise FileProblem(f"{path}: expected one of {', '.join(SUFFIXES)}, got {path.suffix}")
     if not 0 < scale < np.inf:
         raise InputError(f"scale: expected > 0, got {scale}")
+    if path.suffix.lower() == SUFFIX_3MF:
+        vertices, faces = read_3mf(path)
+        with parsing(path, "a readable mesh"):
+            return scale * _checked(vertices, faces), faces
     try:
         import trimesh
     except ImportError as error:
@@ -161,14 +169,20 @@ def _triangles(path: StrPath, scale: float) -> tuple[FloatMap, NDArray[np.int64]
         loaded = trimesh.load_mesh(BytesIO(content), file_type=kind, process=False)
         vertices = np.asarray(loaded.vertices, np.float64)
         faces = np.asarray(loaded.faces, np.int64)
-        if not faces.size:
-            raise FileProblem("expected triangles, got none")
-        if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
-            raise FileProblem("expected triangles of vertices with x, y and z, got others")
-        if not (faces.min() >= 0 and faces.max() < len(vertices)):
-            raise FileProblem("expected triangles of vertices in the file, got others")
-        if not np.isfinite(vertices[faces]).all():
-            raise FileProblem("expected finite vertices, got NaN or infinity")
+        vertices = _checked(vertices, faces)
         if kind == "glb":
             vertices = vertices / (METRE, -METRE, -METRE)
         return scale * vertices, faces
+
+
+def _checked(vertices: FloatMap, faces: NDArray[np.int64]) -> FloatMap:
+    """The vertices, if the triangles are fit for them."""
+    if not faces.size:
+        raise FileProblem("expected triangles, got none")
+    if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
+        raise FileProblem("expected triangles of vertices with x, y and z, got others")
+    if not (faces.min() >= 0 and faces.max() < len(vertices)):
+        raise FileProblem("expected triangles of vertices in the file, got others")
+    if not np.isfinite(vertices[faces]).all():
+        raise FileProblem("expected finite vertices, got NaN or infinity")
+    return vertices

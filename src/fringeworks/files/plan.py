@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tomli_w
 
-from fringeworks.files.atomic import StrPath, replacing, write_text
+from fringeworks.files.atomic import StrPath, check_target, replacing, write_text
 from fringeworks.files.description import Field, Section
 from fringeworks.files.folder import replacing_folder
 from fringeworks.files.images import write_frame
@@ -214,7 +214,8 @@ def holds_plan(path: Path, plan: PatternPlan) -> bool:
 
 
 def write_plan(path: StrPath, plan: PatternPlan) -> Path:
-    """Write a plan as TOML, whole or not at all."""
+    """Write a plan as TOML, whole or not at all; ``FileProblem`` for another suffix than .toml."""
+    check_target(path, (".toml",))
     write_text(path, format_plan(plan))
     return Path(path)
 

@@ -1,20 +1,20 @@
-"""Point clouds as files: PLY (points or mesh), PCD, XYZ, MATLAB and NPZ."""
+"""Point clouds as files of every kind."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks import _core
 from fringeworks._lazy import scipy
 from fringeworks.files.atomic import StrPath, check_target, replacing
-from fringeworks.files.limits import existing_file, parsing, read_content, text_of
+from fringeworks.files.csv_table import CSV
+from fringeworks.files.limits import existing_file, parsing, read_content, text_of, told
 from fringeworks.files.npz import (
     FINDINGS,
     MAP,
@@ -26,23 +26,27 @@ from fringeworks.files.npz import (
     read_npz,
     write_members,
 )
-from fringeworks.files.pcd import COLOURS, read_pcd, write_pcd
-from fringeworks.files.ply import read_ply, write_ply
-from fringeworks.files.provenance import (
-    KEY,
-    comment_lines,
-    from_comments,
-    json_line,
+from fringeworks.files.point_readers import (
+    FRAMES,
+    IN_PX,
+    TABLE_READERS,
+    cloud_of,
+    holds_points,
 )
-from fringeworks.files.ros import write_point_bag
+from fringeworks.files.point_table import COLOURS, NORMAL_AXES, Kind, PointTable, fields_of
+from fringeworks.files.point_writers import (
+    TABLE_WRITERS,
+    check_kind,
+    need_package,
+    write_table_as_ply,
+)
+from fringeworks.files.provenance import KEY, from_comments, json_line
 from fringeworks.files.surfaces import READERS as SURFACE_READERS
 from fringeworks.files.surfaces import read_surface
-from fringeworks.files.white import WHITE, eight_bits, white_of
-from fringeworks.surface.cloud import cloud_triangles, normals
+from fringeworks.surface.cloud import cloud_triangles
 from fringeworks.surface.height_map import height_map_points, lateral_findings
 from fringeworks.types import (
     NUMBERS,
-    BoolMap,
     FileProblem,
     HeightMap,
     InputError,
@@ -52,9 +56,6 @@ from fringeworks.types import (
     Reason,
 )
 
-Kind = Literal["points", "normals", "mesh"]
-BAND_ROWS = 16
-"""Rows of a cloud whose points are put together for a PLY file at a time."""
 CLOUD = Archive(
     PointCloud,
     "a point cloud",
@@ -71,17 +72,8 @@ CLOUD = Archive(
 )
 """A cloud that is organised as the frame."""
 
-TABLES: dict[str, Callable[[Path], tuple[NDArray[Any], list[str]]]] = {
-    ".ply": read_ply,
-    ".pcd": read_pcd,
-}
-"""Readers of tables of points with comments, by suffix."""
-NORMAL_AXES = ("nx", "ny", "nz")
-"""Fields of a normal."""
 NO_POINTS = "expected points, got none"
 """What is said about a file without points."""
-IN_PX = "expected points in mm, got displacements in px; give the geometry to compute heights"
-"""What is said about displacements."""
 
 
 def write_points(path: StrPath, cloud: PointCloud, *, kind: Kind = "points") -> None:
@@ -90,111 +82,46 @@ def write_points(path: StrPath, cloud: PointCloud, *, kind: Kind = "points") -> 
     Parameters
     ----------
     path : path
-        ``.ply`` points or mesh with σ, noise and brightness; ``.xyz`` text, x y z σ in mm; ``.npz``
+        ``.ply`` points or mesh with σ, noise and colour; ``.xyz`` text, x y z σ in mm; ``.npz``
         everything, organised as the frame is; ``.mat`` the same arrays for MATLAB, with the names
         of the reasons from 0 on; ``.pcd`` what PLY points have, for the Point Cloud Library;
-        ``.mcap`` the same as a ROS 2 bag with one PointCloud2, in metres.
+        ``.csv`` the same as a table, colours in counts; ``.e57``, ``.las`` and ``.laz`` the same
+        in metres; ``.mcap`` as a ROS 2 bag with one PointCloud2, in metres.
     cloud : PointCloud
-    kind : "points", "normals" or "mesh"
-        Content of a ``.ply``, ``.pcd`` or ``.mcap`` file: points alone, with their normals, or
-        connected by triangles, which PLY only can hold.
+    kind : "points", "normals", "mesh" or "frame"
+        Content of the file: points alone, with their normals, connected by triangles, which PLY
+        alone can hold, or all pixels of the frame with their rows, columns and reasons, which
+        PCD, CSV and E57 can hold. NPZ and MAT hold the frame in any case.
 
     Raises
     ------
     FileProblem for another suffix and a folder that cannot be written to; InputError for a cloud
-    without points; MissingPackage where MCAP lacks the package ``rosbags`` (the extra "ros").
+    without points, and for what the format cannot hold; MissingPackage where a format needs a
+    package that is not installed: MCAP (the extra "ros"), E57, LAS and LAZ (the extra "export").
     """
     check_target(path, WRITERS)
     if not (cloud.reason == Reason.OK).any():
         raise InputError(f"{path}: expected points to write, got none", findings=cloud.findings)
+    suffix = Path(path).suffix.lower()
+    check_kind(Path(path), kind)
+    need_package(suffix)
     with replacing(path) as temporary:
-        WRITERS[Path(path).suffix.lower()](temporary, cloud, kind)
+        if suffix in CLOUD_WRITERS:
+            CLOUD_WRITERS[suffix](temporary, cloud)
+        elif kind == "mesh" and suffix == ".ply":
+            _write_mesh(temporary, cloud)
+        else:
+            TABLE_WRITERS[suffix](temporary, PointTable(cloud, kind))
 
 
-def _write_ply(path: Path, cloud: PointCloud, kind: Kind) -> None:
+def _write_mesh(path: Path, cloud: PointCloud) -> None:
     ok = cloud.reason == Reason.OK
-    faces = None
-    if kind == "mesh":
-        place = np.cumsum(ok.ravel()) - 1
-        faces = place[cloud_triangles(cloud)].astype(np.int32)
-    comments = ["fringeworks; camera coordinates, x right, y down, z forward; unit mm"]
-    comments += comment_lines(cloud.provenance)
-    write_ply(path, _vertices(cloud, ok, kind), int(np.count_nonzero(ok)), faces, comments)
+    place = np.cumsum(ok.ravel()) - 1
+    faces = place[cloud_triangles(cloud)].astype(np.int32)
+    write_table_as_ply(path, PointTable(cloud, "mesh"), faces)
 
 
-def _vertices(cloud: PointCloud, ok: BoolMap, kind: Kind) -> Iterator[NDArray[Any]]:
-    """The points of a cloud, some rows of the frame at a time."""
-    turned = normals(cloud) if kind == "normals" else None
-    axes = NORMAL_AXES if turned is not None else ()
-    fields: list[tuple[str, str]] = [(n, "<f4") for n in ("x", "y", "z", *axes, "sigma", "noise")]
-    white = None if cloud.colour is None else _white(np.asarray(cloud.colour), ok)
-    if white is not None:
-        fields += [(name, "u1") for name in COLOURS]
-    maps = (cloud.xyz_mm, cloud.sigma_mm, cloud.noise_mm, cloud.colour if white else None)
-    if turned is None and all(m is None or m.dtype == np.float32 for m in maps):
-        yield from _packed(cloud, white, np.dtype(fields))
-        return
-    for top in range(0, len(ok), BAND_ROWS):
-        band = slice(top, top + BAND_ROWS)
-        here = ok[band]
-        part = np.empty(int(np.count_nonzero(here)), dtype=fields)
-        part["x"], part["y"], part["z"] = cloud.xyz_mm[band][here].T
-        part["sigma"], part["noise"] = cloud.sigma_mm[band][here], cloud.noise_mm[band][here]
-        if turned is not None:
-            # Readers expect numbers: a point with too few neighbours for a normal gets 0, 0, 0.
-            part["nx"], part["ny"], part["nz"] = np.nan_to_num(turned[band][here]).T
-        if cloud.colour is not None and white is not None:
-            part["red"], part["green"], part["blue"] = eight_bits(cloud.colour[band][here], white).T
-        yield part
-
-
-def _white(colour: NDArray[Any], ok: BoolMap) -> float | None:
-    """The brightness of the measured points that becomes white."""
-    return white_of(colour.reshape(ok.size, *colour.shape[2:]) if ok.all() else colour[ok])
-
-
-def _packed(
-    cloud: PointCloud, white: float | None, vertex: np.dtype[Any]
-) -> Iterator[NDArray[Any]]:
-    """Vertices without normals, of maps in single precision, by a kernel."""
-    scale = 1.0 if white is None else WHITE / white
-    for top in range(0, len(cloud.reason), BAND_ROWS):
-        band = slice(top, top + BAND_ROWS)
-        shade = None if white is None else _flat(np.asarray(cloud.colour)[band])
-        maps = (cloud.xyz_mm, cloud.sigma_mm, cloud.noise_mm, cloud.reason)
-        xyz, sigma, noise, reason = (_flat(m[band]) for m in maps)
-        packed = _core.pack_vertices(xyz, sigma, noise, reason, shade, scale=scale)
-        yield packed.view(vertex)
-
-
-def _flat(band: NDArray[Any]) -> NDArray[Any]:
-    """Rows of a map as kernels take them: all values of a row in one."""
-    return np.ascontiguousarray(band.reshape(len(band), -1))
-
-
-def _write_xyz(path: Path, cloud: PointCloud, _: Kind) -> None:
-    ok = cloud.reason == Reason.OK
-    table = np.column_stack((cloud.xyz_mm[ok], cloud.sigma_mm[ok]))
-    header = ["x_mm y_mm z_mm sigma_mm", *comment_lines(cloud.provenance)]
-    np.savetxt(path, table, fmt="%.5f", header="\n".join(header))
-
-
-def _write_pcd(path: Path, cloud: PointCloud, kind: Kind) -> None:
-    if kind == "mesh":
-        raise InputError(f"{path.suffix}: expected points, got triangles, which PCD cannot hold")
-    ok = cloud.reason == Reason.OK
-    comments = ["fringeworks; unit mm", *comment_lines(cloud.provenance)]
-    write_pcd(path, _vertices(cloud, ok, kind), int(np.count_nonzero(ok)), comments)
-
-
-def _write_mcap(path: Path, cloud: PointCloud, kind: Kind) -> None:
-    if kind == "mesh":
-        raise InputError(f"{path.suffix}: expected points, got triangles, which MCAP cannot hold")
-    ok = cloud.reason == Reason.OK
-    write_point_bag(path, np.concatenate(list(_vertices(cloud, ok, kind))))
-
-
-def _write_mat(path: Path, cloud: PointCloud, _: Kind) -> None:
+def _write_mat(path: Path, cloud: PointCloud) -> None:
     arrays = {
         name: value
         for name in ("xyz_mm", "sigma_mm", "noise_mm", "reason", "residual_px", "colour", "blur_mm")
@@ -206,30 +133,42 @@ def _write_mat(path: Path, cloud: PointCloud, _: Kind) -> None:
     scipy.io.savemat(path, arrays, do_compression=True, oned_as="column")
 
 
-def _write_npz(path: Path, cloud: PointCloud, _: Kind) -> None:
+def _write_npz(path: Path, cloud: PointCloud) -> None:
     write_members(path, CLOUD.arrays(cloud))
 
 
-Writer = Callable[[Path, PointCloud, Kind], None]
-WRITERS: dict[str, Writer] = {
-    ".ply": _write_ply,
-    ".xyz": _write_xyz,
+CLOUD_WRITERS: dict[str, Callable[[Path, PointCloud], None]] = {
     ".npz": _write_npz,
-    ".pcd": _write_pcd,
-    ".mcap": _write_mcap,
     ".mat": _write_mat,
 }
-"""Writers by suffix."""
+"""Writers of clouds as arrays, by suffix."""
+WRITERS = (".ply", ".xyz", ".npz", ".pcd", ".mcap", ".mat", CSV, ".e57", ".las", ".laz")
+"""Suffixes of files of clouds."""
 
 
 def read_cloud(path: StrPath) -> PointCloud:
-    """Read a point cloud that ``write_points`` wrote as ``.npz``, organised as the frame.
+    """Read a point cloud that ``write_points`` wrote with all pixels of its frame.
+
+    Parameters
+    ----------
+    path : path
+        ``.npz``; or ``.pcd``, ``.csv`` or ``.e57`` of the kind "frame", which hold colours of 8
+        bits but for CSV, and findings but for PCD.
 
     Raises
     ------
     FileProblem for a missing or damaged file, and for one that holds something else.
     """
-    return CLOUD.read(path)
+    path = Path(path)
+    if path.suffix.lower() not in FRAMES:
+        return CLOUD.read(path)
+    found = read_point_file(path)
+    if not isinstance(found, PointCloud):
+        raise FileProblem(
+            f"{path}: expected all pixels of a frame, got points without their places in it; write "
+            'them with kind="frame", or as .npz'
+        )
+    return found
 
 
 def read_points(path: StrPath) -> Points:
@@ -238,8 +177,10 @@ def read_points(path: StrPath) -> Points:
     Parameters
     ----------
     path : path
-        ``.ply`` (binary or text), ``.pcd`` (binary), ``.xyz`` (columns x y z and, in four columns,
-        σ), the ``.npz`` of ``write_points``, or a height map in mm that ``read_surface`` reads.
+        ``.ply`` (binary or text), ``.pcd`` (binary, text or compressed), ``.xyz`` (columns x y z
+        and, in four columns, σ), ``.csv`` (columns x, y, z with or without units, by default mm),
+        ``.e57``, ``.las`` and ``.laz`` (in metres), the ``.npz`` of ``write_points``, or a height
+        map in mm that ``read_surface`` reads.
 
     Returns
     -------
@@ -247,40 +188,55 @@ def read_points(path: StrPath) -> Points:
 
     Raises
     ------
-    FileProblem for a missing or damaged file, naming it; InputError for displacements in px.
+    FileProblem for a missing or damaged file, naming it; InputError for displacements in px;
+    MissingPackage where a format needs a package that is not installed.
     """
     path = existing_file(path, "a file of points")
     suffix = path.suffix.lower()
     if suffix == ".npz" and "unit" not in read_npz(path, "points", {"unit": f"?{TEXT}"}):
-        cloud = cloud_points(read_cloud(path))
-        if not len(cloud.xyz_mm):
-            raise FileProblem(f"{path}: {NO_POINTS}", findings=cloud.findings)
-        return cloud
-    if suffix in SURFACE_READERS:
+        return _measured(path, read_cloud(path))
+    if suffix in SURFACE_READERS and not (suffix == CSV and holds_points(path)):
         return surface_points(read_surface(path), str(path))
-    if suffix in TABLES:
-        table, comments = TABLES[suffix](path)
-        check_unit(path, comments)
-        with parsing(path, "points"):
-            columns = [columns_of(table, names) for names in ("xyz", NORMAL_AXES, COLOURS)]
-            xyz, turned, colour = columns
-            sigma, noise = (columns_of(table, (name,)) for name in ("sigma", "noise"))
-            return _finite(path, xyz, sigma, from_comments(comments), noise, turned, colour)
-    if suffix == ".xyz":
-        return _read_xyz(path)
-    expected = ", ".join([*TABLES, ".xyz", *SURFACE_READERS])
-    raise FileProblem(f"{path}: expected one of {expected}, got {suffix or 'no suffix'}")
+    found = read_point_file(path)
+    return _measured(path, found) if isinstance(found, PointCloud) else found
 
 
-def check_unit(path: Path, comments: Iterable[str]) -> None:
-    """Refuse displacements in px, which are no points.
+def _measured(path: Path, cloud: PointCloud) -> Points:
+    points = cloud_points(cloud)
+    if not len(points.xyz_mm):
+        raise FileProblem(f"{path}: {NO_POINTS}", findings=cloud.findings)
+    return points
+
+
+def read_point_file(path: StrPath) -> Points | PointCloud:
+    """Read points as ``read_points``; all pixels of a frame as a PointCloud, if they are there.
 
     Raises
     ------
-    InputError where the comments of a PLY file say so.
+    The errors of ``read_points``.
     """
-    if any(line.startswith("fringeworks") and line.endswith("unit px") for line in comments):
-        raise InputError(f"{path}: {IN_PX}")
+    path = existing_file(path, "a file of points")
+    suffix = path.suffix.lower()
+    if suffix == ".xyz":
+        return _read_xyz(path)
+    if suffix not in TABLE_READERS:
+        expected = ", ".join([*TABLE_READERS, ".xyz", *SURFACE_READERS])
+        raise FileProblem(f"{path}: expected one of {expected}, got {suffix or 'no suffix'}")
+    read = TABLE_READERS[suffix](path)
+    with parsing(path, "points"):
+        if read.shape is not None and "reason" in fields_of(read.table):
+            return cloud_of(read)
+        columns = {name: columns_of(read.table, (name,)) for name in ("sigma", "noise")}
+        turned, seen = (columns_of(read.table, names) for names in (NORMAL_AXES, COLOURS))
+        if seen is None:
+            seen = columns_of(read.table, ("brightness",))
+        xyz = columns_of(read.table, "xyz")
+        if xyz is None:
+            raise FileProblem(f"expected fields x, y and z, got {told(fields_of(read.table))}")
+        found = _finite(
+            path, xyz, columns["sigma"], read.provenance, columns["noise"], turned, seen
+        )
+        return replace(found, findings=read.findings) if read.findings else found
 
 
 def columns_of(table: NDArray[Any], names: Iterable[str]) -> Any:

@@ -11,13 +11,14 @@ from fringeworks.files.capture import read_capture
 from fringeworks.files.capture_writer import UNFINISHED_FILE
 from fringeworks.files.exposures import is_exposures, read_exposures
 from fringeworks.files.folder import incomplete
-from fringeworks.files.formats import ARCHIVE, FORMATS, TOML, format_of
+from fringeworks.files.formats import ARCHIVE, CSV, FORMATS, TOML, format_of
 from fringeworks.files.images import TIFF_SUFFIXES
 from fringeworks.files.limits import existing_file, is_file, is_folder, parsing, told
 from fringeworks.files.pair import CAPTURE_FILE
 from fringeworks.files.plan import PLAN_FILE
 from fringeworks.files.sequence import read_sequence
 from fringeworks.files.toml import kind_of
+from fringeworks.files.video import VIDEO_SUFFIXES
 from fringeworks.types import FileProblem, InputError
 
 CAPTURE_KINDS = ("pair", "stack", "exposures")
@@ -44,11 +45,13 @@ def read(path: StrPath) -> Any:
     ----------
     path : path
         A capture: its folder, a ``.npz`` or ``.mat`` with two frames, or a TIFF, ``.npy`` or
-        ``.npz`` stack beside its ``plan.toml``. Frames without a plan: a folder of images, a stack
-        in one file, or a Zarr array. One image: ``.png``, ``.jpg``, ``.bmp`` or ``.tif``.
-        Results: points (``.npz``, ``.ply``, ``.xyz``, ``.pcd``), heights (``.tif``, ``.npz``,
-        ``.x3p``, ``.gsf``), meshes (``.stl``, ``.ply``, ``.obj``, ``.off``, ``.glb``), coordinates,
-        phases and separated light (``.npz``), figures (``.json``).
+        ``.npz`` stack, or a video, beside its ``plan.toml``. Frames without a plan: a folder of
+        images, a stack in one file, a video, or a Zarr array. One image: ``.png``, ``.jpg``,
+        ``.bmp`` or ``.tif``.
+        Results: points (``.npz``, ``.ply``, ``.xyz``, ``.pcd``, ``.csv``, ``.e57``, ``.las``,
+        ``.laz``), heights (``.tif``, ``.npz``, ``.csv``, ``.x3p``, ``.gsf``), meshes (``.stl``,
+        ``.ply``, ``.obj``, ``.off``, ``.glb``, ``.3mf``), coordinates (``.npz``, ``.csv``), phases
+        and separated light (``.npz``), figures (``.json``).
         Calibrations and settings: rigs (``.toml``, ``.xml``, ``.yml``), responses, geometries of
         the two-frame path (``.toml``, ``.npz``), plans, recipes and set-ups (``.toml``).
 
@@ -57,9 +60,10 @@ def read(path: StrPath) -> Any:
     Pair, Stack, tuple of Stack (several exposures), FrameSequence, array (one image), PointCloud,
     Points, HeightMap, TriangleMesh, Decoded, WrappedPhase, LightSeparation, dict (figures), Rig,
     MultiRig, Response, ReferencePlaneGeometry, PixelCalibration, PatternPlan, Recipe or
-    StoredSetup: the type that holds most of what the file does. A point cloud is a PointCloud in
-    ``.npz`` only, which keeps the order of the frame's pixels. A ``.ply`` with triangles is a
-    TriangleMesh, any other one Points.
+    StoredSetup: the type that holds most of what the file does. A point cloud is a PointCloud where
+    the file has all pixels of the frame: ``.npz``, and ``.pcd``, ``.csv`` and ``.e57`` that were
+    written with ``kind="frame"``. A ``.ply`` with triangles is a TriangleMesh, any other one
+    Points.
 
     Raises
     ------
@@ -87,6 +91,8 @@ def read(path: StrPath) -> Any:
         ARCHIVE: _archive,
         TOML: _description,
         ".npy": _frames,
+        CSV: _table,
+        **dict.fromkeys(VIDEO_SUFFIXES, _frames),
         ".mat": FORMATS["pair"].read,
         **dict.fromkeys(TIFF_SUFFIXES, _tiff),
     }
@@ -105,17 +111,20 @@ def write(path: StrPath, thing: Any, **options: Any) -> Path:
     Parameters
     ----------
     path : path
-        PointCloud: ``.ply``, ``.xyz``, ``.npz``, ``.pcd``, ``.mcap``, ``.mat``. Points: ``.ply``.
-        HeightMap: ``.tif``, ``.npz``, ``.ply``, ``.x3p``, ``.gsf``. TriangleMesh: ``.stl``,
-        ``.obj``, ``.glb``, ``.ply``. Decoded, WrappedPhase, LightSeparation, PixelCalibration:
-        ``.npz``. Rig: ``.toml``, ``.xml``, ``.yml``, ``.yaml``. MultiRig, Response,
-        ReferencePlaneGeometry, PlaneCalibration, PatternPlan, Recipe, Setup, StoredSetup:
-        ``.toml``. Array of a frame: ``.png``, ``.tif``. Dictionary of figures: ``.json``. Pair,
-        Stack: a folder. Of a Measurement, MultiMeasurement or MergedPart the points are written, of
-        a Reconstruction the surface, of a Calibration or MultiCalibration the rig.
+        PointCloud: ``.ply``, ``.xyz``, ``.npz``, ``.pcd``, ``.mcap``, ``.mat``, ``.csv``, ``.e57``,
+        ``.las``, ``.laz``. Points: the same without ``.npz`` and ``.mat``. HeightMap: ``.tif``,
+        ``.npz``, ``.ply``, ``.x3p``, ``.gsf``, ``.csv``. TriangleMesh: ``.stl``, ``.obj``,
+        ``.glb``, ``.3mf``, ``.ply``. Decoded: ``.npz``, ``.csv``. WrappedPhase, LightSeparation,
+        PixelCalibration: ``.npz``. Rig: ``.toml``, ``.xml``, ``.yml``, ``.yaml``. MultiRig,
+        Response, ReferencePlaneGeometry, PlaneCalibration, PatternPlan, Recipe, Setup,
+        StoredSetup: ``.toml``. Array of a frame: ``.png``, ``.tif``. Dictionary of figures:
+        ``.json``. Pair, Stack: a folder. Of a Measurement, MultiMeasurement or MergedPart the
+        points are written, of a Reconstruction the surface, of a Calibration or MultiCalibration
+        the rig.
     thing : one of these
     **options
         Of the function that writes the type: ``kind="mesh"`` for points and heights in ``.ply``,
+        ``kind="frame"`` for all pixels of points in ``.pcd``, ``.csv`` and ``.e57``,
         ``force=True`` for folders with other things in them, ``unwrapped`` for a phase,
         ``projector`` and ``camera`` for a Setup. See ``write_points`` and the others.
 
@@ -183,6 +192,18 @@ def _archive(path: Path) -> Any:
     known = ", ".join(one.holds for one in FORMATS.values() if one.arrays)
     got = told(", ".join(sorted(names)[:MOST_NAMES])) or "nothing"
     raise FileProblem(f"{path}: expected {known}, got arrays named {got}")
+
+
+def _table(path: Path) -> Any:
+    """What the first line of a table tells; tables of other programs hold points."""
+    from fringeworks.files.result_csv import holds
+
+    kind = holds(path)
+    one = next((one for one in FORMATS.values() if kind in one.tables), None)
+    if one is None:
+        known = ", ".join(kind for one in FORMATS.values() for kind in one.tables)
+        raise FileProblem(f"{path}: expected a table of {known}, got {told(kind)}")
+    return one.read(path)
 
 
 def _description(path: Path) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,6 +26,21 @@ BAG_VERSION: Final = 9
 """Version of the description of a ROS 2 bag; the newest that rosbags writes."""
 
 
+def need_rosbags() -> None:
+    """Refuse to write a bag without the package for it.
+
+    Raises
+    ------
+    MissingPackage where the package ``rosbags`` (the extra "ros") is not installed.
+    """
+    try:
+        import_module("rosbags.rosbag2")
+    except ImportError as error:
+        raise MissingPackage(
+            "ROS bags: expected the package rosbags, got none; pip install 'fringeworks[ros]'"
+        ) from error
+
+
 def write_point_bag(path: Path, points: NDArray[Any]) -> None:
     """Write points as a bag of one message ``sensor_msgs/msg/PointCloud2``.
 
@@ -40,13 +56,10 @@ def write_point_bag(path: Path, points: NDArray[Any]) -> None:
     ------
     MissingPackage where the package ``rosbags`` (the extra "ros") is not installed.
     """
-    try:
-        from rosbags.rosbag2 import StoragePlugin, Writer
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise MissingPackage(
-            "ROS bags: expected the package rosbags, got none; pip install 'fringeworks[ros]'"
-        ) from error
+    need_rosbags()
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
     store = get_typestore(Stores.ROS2_HUMBLE)
     message = _message(store.types, _packed(points))
     name = message.__msgtype__

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.images import IMAGE_SUFFIXES, TIFF_SUFFIXES, read_frame
 from fringeworks.files.limits import existing_file, is_file, is_folder
-from fringeworks.files.stack import captures_in, images_of, open_stack_file
+from fringeworks.files.stack import captures_in, images_of, open_stack_file, video_in
 from fringeworks.files.zarr_array import ZARR_FILE, holds_counts, open_zarr_array, read_entry
 from fringeworks.types import FileProblem
 
@@ -53,8 +53,8 @@ def read_sequence(path: StrPath) -> FrameSequence:
     ----------
     path : path
         A folder of images, in the order of their names with numbers by value; a TIFF stack,
-        ``.npy`` or ``.npz`` with (frame, row, column); or a Zarr array of these dimensions
-        (extra ``batch``).
+        ``.npy`` or ``.npz`` with (frame, row, column); a video, which is read whole; or a Zarr
+        array of these dimensions (extra ``batch``).
 
     Returns
     -------
@@ -68,12 +68,14 @@ def read_sequence(path: StrPath) -> FrameSequence:
     place = Path(path)
     if is_folder(place) and is_file(place / ZARR_FILE):
         return FrameSequence(place, _checked(place, open_zarr_array(str(place))))
-    if is_folder(place):
+    if is_folder(place) and video_in(place) is None:
         images = images_of(place)
         if not images:
             kinds = ", ".join((*IMAGE_SUFFIXES, *TIFF_SUFFIXES))
             raise FileProblem(f"{place}: expected images, got none of {kinds}{captures_in(place)}")
         return FrameSequence(place, images)
+    if is_folder(place) and (video := video_in(place)) is not None:
+        place = place / video
     existing_file(place, "a folder of images or a stack in one file")
     return FrameSequence(place, _checked(place, open_stack_file(place)[0]))
 

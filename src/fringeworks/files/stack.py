@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.best_channels import BEST
 from fringeworks.files.capture_writer import (
     StackFile,
     refuse_unfinished,
@@ -33,16 +34,17 @@ from fringeworks.files.photographs import PHOTOGRAPH_SUFFIXES
 from fringeworks.files.plan import PLAN_FILE, read_plan
 from fringeworks.files.provenance import source_of
 from fringeworks.files.toml import kind_of, read_toml
+from fringeworks.files.video import VIDEO_SUFFIXES, frames_of_plan, read_video
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.even_light import texture_weights
 from fringeworks.stack.frames import Stack, step_of
 from fringeworks.types import NUMBERS, FileProblem, FramesContradictPlan, Region, sealed
 
-STACK_SUFFIXES = (*TIFF_SUFFIXES, ".npy", ".npz")
+STACK_SUFFIXES = (*TIFF_SUFFIXES, ".npy", ".npz", *VIDEO_SUFFIXES)
 """Single files that hold a stack."""
 MOST_NAMES = 8
 """Largest number of names that a message lists."""
-OTHER_SUFFIXES = (".toml", ".txt", ".md", ".json", ".log", ".csv", *STACK_SUFFIXES)
+OTHER_SUFFIXES = (".toml", ".txt", ".md", ".json", ".log", ".csv", ".npy", ".npz", *TIFF_SUFFIXES)
 """Files that lie beside frames, or hold stacks."""
 MAX_NOTES = 1
 """Notes about single frames that are kept in full; the others are counted."""
@@ -56,13 +58,15 @@ def read_stack(
     Parameters
     ----------
     path : path
-        A folder of images with ``plan.toml`` (or with ``capture.toml`` of the kind "stack"), or a
-        TIFF stack, ``.npy`` or ``.npz`` with (n, h, w).
+        A folder of images with ``plan.toml`` (or with ``capture.toml`` of the kind "stack"), a
+        TIFF stack, ``.npy`` or ``.npz`` with (n, h, w), or a video, which OpenCV decodes. A video
+        has the plan's frames, or shows each pattern still for two frames or more.
     plan : path or PatternPlan, optional
         For folders and files that have no plan beside them.
     channels : str, optional
         Channels of colour images that are a frame each: "g" for green alone, "rgb" where every
-        image holds three frames of the plan. By default those that ``capture.toml`` says.
+        image holds three frames of the plan; "best" for the combination of all three with the
+        least noise. By default those that ``capture.toml`` says.
 
     Returns
     -------
@@ -92,10 +96,12 @@ def read_stack(
         plan = path.parent / PLAN_FILE
         if not is_file(plan):
             raise FileProblem(f"{path}: expected a plan, or a file {PLAN_FILE} beside it; got none")
-    frames, lossy = _read_file(path, checked_channels(channels))
+    layout = _plan_of(plan)
+    frames, lossy, notes = _read_file(path, checked_channels(channels), layout)
     return Stack(
         frames,
-        _plan_of(plan),
+        layout,
+        notes=notes,
         sources=(source_of(path),),
         count_step=step_of(frames[0].dtype) if frames else None,
         lossy=lossy,
@@ -156,6 +162,7 @@ def write_stack(
     camera: str | None = None,
     projector: str | None = None,
     saturation: float | None = None,
+    white_balance: Sequence[float] | None = None,
     truth: Mapping[str, NDArray[Any]] | None = None,
     force: bool = False,
     progress: Callable[[str], None] = lambda _: None,
@@ -173,6 +180,8 @@ def write_stack(
         Names of the devices.
     saturation : float, optional
         Counts from which on a sample is not trusted.
+    white_balance : (red, green, blue), optional
+        Gains of the colour of points, as ``fringeworks.stack.white_balance`` measures them.
     truth : mapping of arrays, optional
         Of a simulation, written as ``truth.npz`` beside the frames.
     force : bool
@@ -191,7 +200,13 @@ def write_stack(
     """
     labels = plan.labels()
     with writing_capture(
-        folder, plan, camera=camera, projector=projector, saturation=saturation, force=force
+        folder,
+        plan,
+        camera=camera,
+        projector=projector,
+        saturation=saturation,
+        white_balance=white_balance,
+        force=force,
     ) as writer:
         for number, frame in enumerate(frames):
             progress(labels[min(number, len(labels) - 1)])
@@ -209,6 +224,9 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
     description = folder / CAPTURE_FILE
     described = is_file(description)
     content = _described(folder)
+    video = video_in(folder) if content.frames is None else None
+    if video is not None:
+        content = content.model_copy(update={"frames": video})
     if plan is None:
         plan = inside(folder, content.plan)
         if not is_file(plan):
@@ -217,13 +235,14 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
     channels = checked_channels(channels or content.channels)
     if isinstance(content.frames, str):
         paths = [existing_file(inside(folder, content.frames), "a stack of frames")]
-        frames, lossy = _read_file(paths[0], channels)
+        frames, lossy, said = _read_file(paths[0], channels, layout)
         read = ReadFrames(tuple(frames), (), step_of(frames[0].dtype) if frames else None, lossy)
-        notes: list[str] = []
+        notes = list(said)
     else:
         paths, notes = _images_in_order(folder, content.frames, channels, layout)
         # Where an image holds several frames, each channel has a pattern of its own.
-        shown = texture_weights(layout) if len(channels) <= 1 else {}
+        single = channels == BEST or len(channels) <= 1
+        shown = texture_weights(layout) if single else {}
         read = read_frames(paths, stack=True, channels=channels, weights=shown)
         notes += _first_of(read.notes)
     tomls = [description] if described else []
@@ -240,6 +259,7 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
         read.lossy,
         _region_of(content, read.frames),
         read.colour,
+        content.white_balance,
     )
 
 
@@ -248,7 +268,7 @@ def _images_in_order(
 ) -> tuple[list[Path], list[str]]:
     """The images of a folder in the order of a plan, and notes about their names."""
     given = [inside(folder, n) for n in names or ()] if names is not None else images_of(folder)
-    if len(channels) > 1:
+    if len(channels) > 1 and channels != BEST:
         _check_number(given, channels, layout, folder)
         return given, []
     return in_plan_order(given, layout, folder, listed=names is not None)
@@ -332,9 +352,27 @@ def images_of(folder: Path) -> list[Path]:
     return by_name(found)
 
 
-def _read_file(path: Path, channels: str) -> tuple[Sequence[NDArray[Any]], bool]:
-    """The frames of a file, and whether they are lossily compressed."""
+def video_in(folder: Path) -> str | None:
+    """Name of the only video in a folder without images; None for others."""
+    names = [p.name for p in folder.iterdir() if is_file(p) and not p.name.startswith(".")]
+    videos = [name for name in names if Path(name).suffix.lower() in VIDEO_SUFFIXES]
+    images = (*IMAGE_SUFFIXES, *TIFF_SUFFIXES, *PHOTOGRAPH_SUFFIXES)
+    alone = not any(Path(name).suffix.lower() in images for name in names)
+    return videos[0] if alone and len(videos) == 1 else None
+
+
+def _read_file(
+    path: Path, channels: str, plan: PatternPlan
+) -> tuple[Sequence[NDArray[Any]], bool, tuple[str, ...]]:
+    """The frames of a file, whether they are lossily compressed, and what was done to them."""
     stack, lossy = open_stack_file(path)
+    if channels == BEST:
+        raise FileProblem(f"{path}: expected a folder of colour images for their best combination")
+    if path.suffix.lower() in VIDEO_SUFFIXES:
+        if channels:
+            raise FileProblem(f"{path}: expected images for their channels, got a video")
+        stack, notes = frames_of_plan(path, stack, plan.frames)
+        return list(sealed(stack)), lossy, notes
     if channels:
         if stack.ndim != 4 or stack.shape[3] < len(CHANNELS):
             raise FileProblem(
@@ -342,10 +380,10 @@ def _read_file(path: Path, channels: str) -> tuple[Sequence[NDArray[Any]], bool]
                 f"{channels}, got {stack.shape}"
             )
         places = [CHANNELS.index(letter) for letter in channels]
-        return [sealed(page[..., k]) for page in stack for k in places], lossy
+        return [sealed(page[..., k]) for page in stack for k in places], lossy, ()
     if stack.ndim != 3 or stack.size == 0:
         raise FileProblem(f"{path}: expected frames of shape (n, h, w), got {stack.shape}")
-    return list(sealed(stack)), lossy
+    return list(sealed(stack)), lossy, ()
 
 
 def open_stack_file(path: Path) -> tuple[NDArray[Any], bool]:
@@ -365,6 +403,8 @@ def open_stack_file(path: Path) -> tuple[NDArray[Any], bool]:
             stack = np.load(path, mmap_mode="r", allow_pickle=False)
     elif suffix == ".npz":
         stack = read_npz(path, "a stack of frames", {"frames": f"{NUMBERS} nhw"})["frames"]
+    elif suffix in VIDEO_SUFFIXES:
+        stack, lossy = read_video(path), True
     else:
         raise FileProblem(
             f"{path}: expected one of {', '.join(STACK_SUFFIXES)}, got {suffix or path.name}"

@@ -1,4 +1,4 @@
-"""Height maps as files: TIFF, NPZ, PLY, X3P (ISO 25178-72) and GSF (Gwyddion)."""
+"""Height maps as files: TIFF, NPZ, PLY, X3P (ISO 25178-72), GSF (Gwyddion) and CSV."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from fringeworks.files.atomic import StrPath, check_target, replacing
+from fringeworks.files.csv_table import CSV
 from fringeworks.files.findings import findings_as_json, findings_from_json
 from fringeworks.files.limits import (
     MAX_DESCRIPTION_BYTES,
@@ -28,7 +29,7 @@ from fringeworks.files.x3p import read_x3p, write_x3p
 from fringeworks.surface.height_map import height_map_points, height_map_triangles, known_pitch
 from fringeworks.types import NUMBERS, FileProblem, HeightMap, InputError, Provenance, Reason
 
-PlyKind = Literal["points", "normals", "mesh"]
+PlyKind = Literal["points", "normals", "mesh", "frame"]
 GSF_MAGIC = "Gwyddion Simple Field 1.0"
 """First line of a GSF file."""
 LAYOUT = {
@@ -53,20 +54,20 @@ def write_surface(path: StrPath, surface: HeightMap, *, ply: PlyKind = "points")
     path : path
         ``.tif``/``.tiff``: values on the first page, float32; σ and reasons on two more.
         ``.npz``: everything. ``.ply``: points or mesh with σ. ``.x3p`` (ISO 25178-72): values in
-        metres. ``.gsf`` (Gwyddion simple field): values.
+        metres. ``.gsf`` (Gwyddion simple field): values. ``.csv``: a row for every pixel, with its
+        place, value, σ and reason.
     surface : HeightMap
     ply : "points" or "mesh"
 
     Raises
     ------
     FileProblem for an unknown suffix and a folder that cannot be written to; InputError for
-    ``ply="normals"``, which point clouds have, for X3P
-    without a geometry, since that format holds lengths only, and for ``.ply``, ``.x3p`` and
-    ``.gsf`` where the pitch is unknown.
+    ``ply="normals"`` and "frame", which point clouds have, for X3P without a geometry, since that
+    format holds lengths only, and for ``.ply``, ``.x3p`` and ``.gsf`` where the pitch is unknown.
     """
     check_target(path, WRITERS)
-    if ply == "normals":
-        raise InputError("ply: expected points or mesh for a height map, got normals")
+    if ply in ("normals", "frame"):
+        raise InputError(f"ply: expected points or mesh for a height map, got {ply}")
     with replacing(path) as temporary:
         WRITERS[Path(path).suffix.lower()](temporary, surface, ply)
 
@@ -77,8 +78,8 @@ def read_surface(path: StrPath) -> HeightMap:
     Parameters
     ----------
     path : path
-        A ``.tif``, ``.npz``, ``.x3p`` or ``.gsf`` file that ``write_surface`` wrote, or X3P and
-        GSF of other programs. Points of a ``.ply`` file are read by ``read_points``.
+        A ``.tif``, ``.npz``, ``.csv``, ``.x3p`` or ``.gsf`` file that ``write_surface`` wrote, or
+        X3P and GSF of other programs. Points of a ``.ply`` file are read by ``read_points``.
 
     Returns
     -------
@@ -286,6 +287,18 @@ def _without_sigma(
     )
 
 
+def _write_csv(path: Path, surface: HeightMap, _: PlyKind) -> None:
+    from fringeworks.files.result_csv import write_heights_csv
+
+    write_heights_csv(path, surface)
+
+
+def _read_csv(path: Path) -> HeightMap:
+    from fringeworks.files.result_csv import read_heights_csv
+
+    return read_heights_csv(path)
+
+
 def _write_x3p(path: Path, surface: HeightMap, _: PlyKind) -> None:
     write_x3p(path, surface)
 
@@ -297,6 +310,7 @@ WRITERS: dict[str, Callable[[Path, HeightMap, PlyKind], None]] = {
     ".ply": _write_ply,
     ".x3p": _write_x3p,
     ".gsf": _write_gsf,
+    CSV: _write_csv,
 }
 """Writers by suffix."""
 READERS: dict[str, Callable[[Path], HeightMap]] = {
@@ -305,5 +319,6 @@ READERS: dict[str, Callable[[Path], HeightMap]] = {
     ".npz": _read_npz,
     ".x3p": _read_x3p,
     ".gsf": _read_gsf,
+    CSV: _read_csv,
 }
 """Readers by suffix."""

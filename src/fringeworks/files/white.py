@@ -1,6 +1,8 @@
-"""Brightness and colour of points in 8 bits, as files of points and meshes hold them."""
+"""Brightness and colour of points in 8 or 16 bits, as files of points and meshes hold them."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +30,15 @@ def white_of(colour: FloatMap) -> float | None:
     return max(float(np.nanpercentile(seen, WHITE_PERCENTILE)), 1e-9)
 
 
+def as_numbers(colour: FloatMap, white: float, bits: int) -> NDArray[Any]:
+    """Red, green and blue of 8 or 16 bits, (n, 3), of points with brightness (n,) or colour
+    (n, 3)."""
+    most = float((1 << bits) - 1)
+    scaled = np.nan_to_num(np.asarray(colour, np.float64)) * (most / white)
+    shown = np.clip(np.rint(scaled), 0, most).astype(f"u{bits // 8}")
+    return np.stack((shown,) * 3, axis=-1) if shown.ndim == 1 else shown
+
+
 def eight_bits(colour: FloatMap, white: float) -> NDArray[np.uint8]:
     """Red, green and blue, (n, 3), of points with brightness (n,) or colour (n, 3)."""
-    scaled = np.nan_to_num(np.asarray(colour, np.float64)) * (WHITE / white)
-    shown = np.clip(np.rint(scaled), 0, WHITE).astype(np.uint8)
-    return np.stack((shown,) * 3, axis=-1) if shown.ndim == 1 else shown
+    return as_numbers(colour, white, 8)

@@ -25,6 +25,7 @@ from fringeworks.signal.smooth_coordinate import smooth_coordinate
 from fringeworks.stack.decode import decode
 from fringeworks.stack.even_light import texture
 from fringeworks.stack.frames import Stack
+from fringeworks.stack.grey_card import check_gains
 from fringeworks.stack.light_separation import LightSeparation, separate_light
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.wrapped import WrappedPhase, steps_plan, wrapped_phase
@@ -87,10 +88,14 @@ def measure(
     epipolar_px: float | None = None,
     depth_mm: DepthRange | Sequence[float] | None = None,
     blur_px: float | None = None,
+    white_balance: Sequence[float] | None = None,
     **options: Unpack[DecodeOptions],
 ) -> Measurement:
     """Measure the points of a stack of frames with a calibrated rig; see ``verbs.measure``."""
     stacks = stacks_of(stack)
+    if white_balance is not None:
+        gains = check_gains(white_balance)
+        stacks = tuple(replace(one, white_balance=gains) for one in stacks)
     plan = stacks[0].plan
     rig = _for_stack(rig, stacks[0])
     check_projector(rig.rig, stacks[0])
@@ -114,6 +119,7 @@ def measure(
             "axis": axis,
             "epipolar_px": epipolar_px,
             "blur_px": blur_px,
+            "white_balance": stacks[0].white_balance,
             "removed_blur_px": removed_blur(found, axis),
             "depth_mm": None if depth is None else list(depth.depth_mm),
             **given_options(stacks[0], options),
@@ -166,8 +172,11 @@ def scene_brightness(stacks: Sequence[Stack], found: Decoded) -> FloatMap | None
     it."""
     if len(stacks) > 1:
         return next(iter(found.maps.values())).background
-    if stacks[0].colour is not None:
-        return sealed(stacks[0].colour)
+    seen, gains = stacks[0].colour, stacks[0].white_balance
+    if seen is not None:
+        if gains is None:
+            return sealed(seen)
+        return sealed(np.asarray(seen * np.array(check_gains(gains), seen.dtype)))
     try:
         return sealed(texture(stacks[0].frames, stacks[0].plan))
     except InputError:

@@ -128,6 +128,7 @@ def measure(
     epipolar_px: float | None = None,
     depth_mm: DepthRange | Sequence[float] | None = None,
     blur_px: float | None = None,
+    white_balance: Sequence[float] | None = None,
     **options: Unpack[DecodeOptions],
 ) -> Measurement: ...
 
@@ -184,6 +185,9 @@ def measure(capture: Any, rig: Any, **options: Any) -> Measurement | MultiMeasur
         Standard deviation of the camera's blur, px, whose error on curved and unevenly lit surfaces
         is removed (``fringeworks.views.remove_blur``); by default that of the rig, where
         ``calibrate`` measured it. 0 keeps the error.
+    white_balance : (red, green, blue), optional
+        Gains of the points' colour, as ``fringeworks.stack.white_balance`` measures them; by
+        default those of the capture.
     reference : Decoded, CoordinateMap or path, optional
         For a pair: projector coordinates of the plane that the reference frame shows.
     plane : (a, b, c, d), optional

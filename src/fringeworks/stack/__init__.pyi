@@ -47,6 +47,9 @@ from .wrapped import (
 from ..pipeline.verbs import (
     wrapped_phase as wrapped_phase,
 )
+from .grey_card import (
+    white_balance as white_balance,
+)
 from .even_light import (
     texture as texture,
 )

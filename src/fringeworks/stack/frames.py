@@ -82,6 +82,9 @@ class Stack(Frozen):
     """Part of the camera's sensor that they show; None where the capture does not say."""
     colour: FloatMap | None = None
     """The scene under even light in red, green and blue, (h, w, 3), counts; None where unknown."""
+    white_balance: tuple[float, float, float] | None = None
+    """Gains of red, green and blue that ``measure`` applies to the colour of the points, as
+    ``fringeworks.stack.white_balance`` measures them; None for none."""
 
     def __post_init__(self) -> None:
         frames = self.frames

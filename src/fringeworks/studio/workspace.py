@@ -20,7 +20,10 @@ NAME = re.compile(r"[\w][\w .-]{0,59}", re.UNICODE)
 """Names that users give; no separators of paths."""
 NAME_RULE = "1 to 60 letters, digits, spaces, _ . or -, with a letter, digit or _ first"
 """The same in words."""
-RESULTS = (".ply", ".npz", ".tif", ".tiff", ".x3p", ".gsf", ".xyz")
+RESULTS = (
+    *(".ply", ".npz", ".tif", ".tiff", ".x3p", ".gsf", ".xyz"),
+    *(".pcd", ".csv", ".e57", ".las", ".laz"),
+)
 """Suffixes of results that can be looked at."""
 POSE = re.compile(r"pose-\d+")
 """Names of the board's poses."""

@@ -14,6 +14,7 @@ from .cloud import (
 )
 from .mesh import (
     cloud_mesh as cloud_mesh,
+    height_map_mesh as height_map_mesh,
     decimate as decimate,
 )
 from .form_geometry import (

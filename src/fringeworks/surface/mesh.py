@@ -1,18 +1,25 @@
-"""Meshes from point clouds: triangles, filled holes, fewer triangles."""
+"""Meshes from point clouds and height maps: triangles, filled holes, fewer triangles."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from fringeworks.surface.cloud import cloud_triangles
+from fringeworks.surface.height_map import (
+    height_map_points,
+    height_map_triangles,
+    lateral_findings,
+)
 from fringeworks.types import (
     LARGEST,
     BoolMap,
     FloatMap,
+    HeightMap,
     InputError,
     MissingPackage,
     PointCloud,
@@ -78,6 +85,66 @@ def cloud_mesh(cloud: PointCloud, *, fill_px: int = 0) -> TriangleMesh:
         filled=filled.reshape(-1)[used] if filled.any() else None,
         findings=cloud.findings,
         provenance=cloud.provenance,
+        **_texture(cloud.colour, used, cloud.shape),
+    )
+
+
+def _texture(
+    colour: FloatMap | None, used: NDArray[np.intp], shape: tuple[int, int]
+) -> dict[str, Any]:
+    """The colour of all pixels as a texture, and where vertices lie in it, by their pixels."""
+    if colour is None:
+        return {}
+    rows, columns = np.divmod(used, shape[1])
+    return {"texture": colour, "texture_px": np.column_stack((columns, rows)).astype(np.float32)}
+
+
+def height_map_mesh(surface: HeightMap, *, texture: FloatMap | None = None) -> TriangleMesh:
+    """Connect the points of a height map by triangles.
+
+    Parameters
+    ----------
+    surface : HeightMap
+        In mm, with a known pitch.
+    texture : (h, w) or (h, w, 3) array, optional
+        What the camera saw of the surface under even light, counts in proportion to the light.
+
+    Returns
+    -------
+    TriangleMesh with x to the right, y up and z towards the camera, as the points of a height map.
+    Triangles do not bridge steps in height.
+
+    Raises
+    ------
+    InputError for displacements in px, an unknown pitch, a texture of another size, and a map
+    without neighbouring values.
+    """
+    if surface.unit != "mm":
+        raise InputError("mesh: expected heights in mm, got displacements in px; give the geometry")
+    if texture is not None and np.shape(texture) not in (surface.shape, (*surface.shape, 3)):
+        raise InputError(
+            f"texture: expected {surface.shape} or {(*surface.shape, 3)}, got {np.shape(texture)}"
+        )
+    xyz, sigma, index = height_map_points(surface)
+    faces = height_map_triangles(surface, index)
+    if not len(faces):
+        raise InputError(
+            "surface: expected neighbouring values, got none", findings=surface.findings
+        )
+    used, number = np.unique(faces, return_inverse=True)
+    pixels = np.flatnonzero(index.ravel() >= 0)[used]
+    known = sigma[used] if bool(np.isfinite(sigma[used]).all()) else None
+    colour = None
+    if texture is not None:
+        colour = np.asarray(texture).reshape(-1, *np.shape(texture)[2:])[pixels]
+    return TriangleMesh(
+        xyz[used],
+        number.reshape(faces.shape).astype(np.uint32),
+        sigma_mm=known,
+        colour=colour,
+        findings=tuple(dict.fromkeys((*surface.findings, *lateral_findings(surface)))),
+        provenance=surface.provenance,
+        **_texture(texture, pixels, surface.shape),
     )
 
 
@@ -136,7 +203,29 @@ def decimate(mesh: TriangleMesh, faces: int) -> TriangleMesh:
         sigma_mm=sigma,
         colour=None if mesh.colour is None else mesh.colour[near],
         filled=None if mesh.filled is None else mesh.filled[near],
+        texture_px=None if mesh.texture_px is None else _moved(mesh, before, after, near),
     )
+
+
+def _moved(
+    mesh: TriangleMesh, before: FloatMap, after: FloatMap, near: NDArray[np.intp]
+) -> FloatMap:
+    """Where new vertices lie in the texture.
+
+    Pixels are nearly linear in x/z and y/z, or in x and y where the camera is far away: the part
+    that is not, the lens distortion, is that of the nearest vertex.
+    """
+    place = np.asarray(mesh.texture_px, np.float64)
+    ahead = bool((before[:, 2] > 0).all() and (after[:, 2] > 0).all())
+
+    def across(points: FloatMap) -> FloatMap:
+        return points[:, :2] / points[:, 2:] if ahead else points[:, :2]
+
+    seen = across(before)
+    design = np.column_stack((seen, np.ones(len(seen))))
+    slope = np.linalg.lstsq(design, place, rcond=None)[0][:2]
+    found = place[near] + (across(after) - seen[near]) @ slope
+    return np.asarray(found, np.float32)
 
 
 def vertex_normals(vertices: FloatMap, faces: NDArray[np.uint32]) -> FloatMap:

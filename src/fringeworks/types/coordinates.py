@@ -11,6 +11,7 @@ from fringeworks.types.arrays import Axis, ByteMap, FloatMap, Reason
 from fringeworks.types.camera import CameraNoise
 from fringeworks.types.displayed import Plotted, Sectioned
 from fringeworks.types.errors import InputError
+from fringeworks.types.exchanged import Labelled
 from fringeworks.types.finding import Finding, Noted
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.profile import Line, Profile
@@ -59,7 +60,7 @@ class CoordinateMap(Sectioned, Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Decoded(Noted, Plotted, Frozen):
+class Decoded(Noted, Plotted, Labelled, Frozen):
     """Projector coordinates along one axis or both, decoded from a stack of frames."""
 
     x: CoordinateMap | None

@@ -48,8 +48,8 @@ class TriangleMesh(Noted, Frozen):
 
     Raises
     ------
-    InputError for arrays of wrong shapes, vertices that are not finite, and faces whose vertices
-    are missing.
+    InputError for arrays of wrong shapes, vertices that are not finite, faces whose vertices are
+    missing, and a texture without the places of the vertices in it.
     """
 
     vertices_mm: FloatMap
@@ -66,6 +66,11 @@ class TriangleMesh(Noted, Frozen):
     """What was found about the mesh."""
     provenance: Provenance | None = None
     """How it was made; None where unknown."""
+    texture: FloatMap | None = None
+    """A picture of the surface in linear light, (h, w) or (h, w, 3), counts; None where there is
+    none."""
+    texture_px: FloatMap | None = None
+    """Where the vertices lie in it: column and row, (n, 2), px; None without a texture."""
 
     def __post_init__(self) -> None:
         vertices = np.asarray(self.vertices_mm)
@@ -87,5 +92,20 @@ class TriangleMesh(Noted, Frozen):
                 raise InputError(
                     f"mesh: expected {name} of {len(vertices)} vertices, got {np.shape(values)}"
                 )
+        self._check_texture()
         object.__setattr__(self, "faces", faces.astype(np.uint32))
         super().__post_init__()
+
+    def _check_texture(self) -> None:
+        if self.texture is None and self.texture_px is None:
+            return
+        picture = np.asarray(self.texture).shape
+        place = np.asarray(self.texture_px)
+        if len(picture) not in (2, 3) or 0 in picture or picture[2:] not in ((), (3,)):
+            raise InputError(f"mesh: expected a texture (h, w) or (h, w, 3), got shape {picture}")
+        known = place.dtype.kind in "fiu" and place.shape == (len(self.vertices_mm), 2)
+        if not known or not np.isfinite(place).all():
+            raise InputError(
+                f"mesh: expected texture_px of {len(self.vertices_mm)} finite places, got "
+                f"{place.dtype} {place.shape}"
+            )

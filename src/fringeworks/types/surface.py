@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -11,13 +11,14 @@ from fringeworks.types.arrays import ByteMap, FloatMap, Reason
 from fringeworks.types.checks import finite, positive
 from fringeworks.types.displayed import Sectioned
 from fringeworks.types.errors import InputError
+from fringeworks.types.exchanged import Labelled, exchange
 from fringeworks.types.finding import Finding, Noted
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.provenance import Provenance
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class HeightMap(Noted, Sectioned, Frozen):
+class HeightMap(Noted, Sectioned, Labelled, Frozen):
     """Heights above the reference plane, or displacements where the geometry is unknown."""
 
     layout = {  # noqa: RUF012
@@ -72,7 +73,7 @@ class HeightMap(Noted, Sectioned, Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PointCloud(Noted, Sectioned, Frozen):
+class PointCloud(Noted, Sectioned, Labelled, Frozen):
     """Points in camera coordinates, one per pixel: x right, y down, z away from the camera."""
 
     layout = {  # noqa: RUF012
@@ -118,3 +119,20 @@ class PointCloud(Noted, Sectioned, Frozen):
         """Share of pixels without a point, 0…1; pixels outside of a chosen area do not count."""
         wanted = self.reason[self.reason != Reason.MASKED]
         return float(np.mean(wanted != Reason.OK)) if wanted.size else 1.0
+
+    def to_open3d(self) -> Any:
+        """Return the measured points as a point cloud of the package Open3D.
+
+        Returns
+        -------
+        ``open3d.t.geometry.PointCloud``, in mm and camera coordinates, with the point attributes
+        positions, normals towards the camera (0 where unknown), sigma, noise, and colors from 0 to
+        1 where the colour is known. Its ``to_legacy()`` gives the ``open3d.geometry.PointCloud``,
+        which has no σ.
+
+        Raises
+        ------
+        MissingPackage where the package ``open3d`` is not installed. It takes 400 MB, so that none
+        of the extras has it.
+        """
+        return exchange().open3d_cloud(self)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fringeworks.files.atomic import StrPath, check_target, write_text
+from fringeworks.files.atomic import StrPath, check_target, refuse_overwrite, write_text
 from fringeworks.files.limits import existing_file, is_folder
 from fringeworks.files.read_write import read
 from fringeworks.files.rig import read_rig
@@ -83,6 +83,9 @@ def write_report(
     check_report_target(path)
     if pdf is not None:
         check_target(pdf, (".pdf",))
+    read = results.values() if isinstance(results, Mapping) else (results,)
+    for target in (path, *(() if pdf is None else (pdf,))):
+        refuse_overwrite(target, rig, *read)
     named = _named(results)
     limits = tuple(parse_tolerance(t) if isinstance(t, str) else t for t in tolerances)
     judged: list[bool] = []

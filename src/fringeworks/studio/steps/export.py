@@ -13,11 +13,17 @@ FORMATS = {
     "PLY, points": (".ply", "points"),
     "PLY, mesh": (".ply", "mesh"),
     "NPZ, everything": (".npz", ""),
+    "CSV, table": (".csv", ""),
     "Report, HTML": (".html", ""),
     "Report, PDF": (".pdf", ""),
 }
 """Formats of every result: suffix, and content of PLY."""
-OF_POINTS = {"XYZ, text": (".xyz", "")}
+OF_POINTS = {
+    "XYZ, text": (".xyz", ""),
+    "PCD": (".pcd", ""),
+    "E57": (".e57", ""),
+    "LAS": (".las", ""),
+}
 """Further formats of points."""
 OF_HEIGHTS = {"TIFF": (".tif", ""), "X3P": (".x3p", ""), "GSF": (".gsf", "")}
 """Further formats of heights over a plane."""

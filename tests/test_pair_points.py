@@ -123,6 +123,24 @@ def test_what_does_not_belong_together_is_refused(monkeypatch):
         measure_pair(small, RIG, reference=found)
 
 
+@pytest.mark.parametrize(
+    ("range_mm", "sure"), [((520.0, 534.0), True), ((505.0, 570.0), False), (None, False)]
+)
+def test_a_depth_range_tells_the_periods_of_a_body_that_fills_the_frame(range_mm, sure):
+    plate = look(RIG, [Body(Plane(), at(0, 0, 527.0, (0.004, -0.008, 0)), 0.75)])
+    one = photograph_pair(view("wall"), plate, PERIOD, Optics(seed=9))
+    known = {"plane": (0.0, 0.0, 1.0, WALL_MM), "plane_sigma_mm": 0.0, "method": "fourier"}
+    found = measure_pair(one, RIG, depth_mm=range_mm, **known).points
+    error = np.abs(truth_distance(plate.points_mm, found.xyz_mm))
+    measured = np.isfinite(error)
+    assert np.mean((error < 2 * found.sigma_mm)[measured]) > 0.95
+    assert bool(np.median(error[measured]) < 0.1) is sure
+    assert bool(np.nanmedian(found.sigma_mm) < 0.2) is sure
+    assert np.nanmedian(found.noise_mm) < 0.1
+    assert any(f.kind == "whole periods" for f in found.findings)
+    assert any(f.kind == "moved frame" for f in found.findings) is not sure
+
+
 @pytest.mark.parametrize("known", quick(["coordinates", "plane"], "plane"))
 def test_on_the_command_line(tmp_path, known):
     one = pair("plane")

@@ -10,7 +10,7 @@ import pytest
 from fringeworks import InputError, Pair, reconstruct
 from fringeworks.pair.analyse import analyse
 from fringeworks.pair.prepared import prepare
-from fringeworks.pair.rim import measure_rim
+from fringeworks.pair.rim import UNKNOWN_PERIODS, measure_rim, of_pixels
 from tests.grids import quick
 from tests.shared import shared
 from tests.two_frames import Bench, cap, dome
@@ -74,6 +74,48 @@ def test_without_a_rim_of_background_the_zero_is_unknown():
     error = (result.displacement.displacement_px - u)[8:-8, 8:-8]
     whole = np.nanmedian(error) / result.displacement.period_px
     assert abs(whole) > 0.5  # what the finding warns of: off by a period
+
+
+FILLING = {
+    "cap": cap(220.0, 26.0),
+    "low cap": cap(250.0, 9.0),
+    "waves": lambda x, y: 21.0 + 3.0 * np.sin(x / 9.0) * np.cos(y / 11.0),
+    "ramp": lambda x, y: 24.0 + 0.15 * x + 0.05 * y,
+    "plate": lambda x, y: np.full(np.broadcast(x, y).shape, 25.0),
+}
+
+
+@pytest.mark.parametrize("method", ["windowed", "fourier", "exact"])
+@pytest.mark.parametrize("body", FILLING)
+def test_an_object_that_fills_the_frame_may_be_off_by_whole_periods(body, method):
+    """This is said, it is in σ, and the parts of the surface fit to one another."""
+    reference, object_, u, _ = Bench(**SMALL, seed=5).pair(FILLING[body])
+    result = reconstruct(Pair(reference, object_, axis="x"), method)
+    found = result.displacement
+    assert set(kinds(result)) & {"no background", "moved frame"}
+    inner = np.s_[10:-10, 10:-10]
+    error = (found.displacement_px - u)[inner]
+    assert np.isfinite(error).mean() > 0.9
+    assert np.nanmax(np.abs(error) / found.sigma_px[inner]) < 2
+    alone, zero = of_pixels(found)
+    assert zero == pytest.approx(UNKNOWN_PERIODS * found.period_px)
+    assert np.nanmedian(alone.sigma_px) < 0.02 * found.period_px
+    # Off by whole periods of the local fringes, the error changes slowly.
+    assert np.nanmax(np.abs(np.diff(error, axis=0))) < 0.4 * found.period_px
+
+
+@pytest.mark.parametrize("method", ["windowed", "fourier"])
+def test_the_skirt_of_an_object_is_no_movement(method):
+    def hill(x, y):
+        return 9.0 * np.exp(-(x**2 + y**2) / 2 / 22.0**2)
+
+    reference, object_, u, lit = Bench(**SMALL, seed=6).pair(hill)
+    result = reconstruct(Pair(reference, object_, axis="x"), method)
+    assert kinds(result) == []
+    lit[:6] = lit[-6:] = lit[:, :6] = lit[:, -6:] = False
+    z = np.abs(result.displacement.displacement_px - u)[lit] / result.displacement.sigma_px[lit]
+    assert np.nanmean(z < 2) > 0.9
+    assert np.nanmean(z > 5) < 0.001
 
 
 def test_a_rim_that_is_off_by_a_period_does_not_tell_the_zero():

@@ -26,6 +26,9 @@ from fringeworks.types import (
     sealed,
 )
 
+HELD_SHARE = 0.99
+"""Least share of the pixels in a range of depths that holds the surface: noise and rims put fewer
+than 1 % of the pixels outside."""
 MIN_SHADOW = 0.6
 """Shortest shadow that is compared, periods: a step of a whole period casts a longer one, and the
 dark part of a fringe is shorter (0.4 periods with a response of γ = 2.2, see ``DARK``)."""
@@ -117,6 +120,45 @@ def orders_in_range(
         reason=sealed(reason),
     )
     return corrected, OrderCheck(moved, lost, own & (fewest < most))
+
+
+def common_order(
+    found: CoordinateMap, depth: DepthRange, period_px: float
+) -> tuple[CoordinateMap, int, float | None]:
+    """Move a surface whose whole periods are unknown into a range of depths.
+
+    Parameters
+    ----------
+    found : CoordinateMap
+        Coordinates of an object that fills the frame.
+    depth : DepthRange
+    period_px : float
+        Period of the fringes in the projector, px.
+
+    Returns
+    -------
+    The coordinates, moved; the whole periods, those in the range that are the fewest; and their
+    standard deviation, from all orders in the range. None where none holds the surface: it is not
+    moved then.
+    """
+    fewest, most = depth.orders(found, period_px)
+    measured = np.isfinite(found.coordinate_px)
+    fewest, most = fewest[measured], most[measured]
+    if not fewest.size:
+        return found, 0, None
+    ends = (fewest.min(), most.max())
+    if not np.isfinite(ends).all():
+        return found, 0, None
+    # Noise and rims put a few pixels outside; another order puts a part of the surface there.
+    orders = np.arange(ends[0], ends[1] + 1.0)
+    inside = [float(np.mean((fewest <= n) & (most >= n))) for n in orders]
+    held = orders[np.array(inside) >= HELD_SHARE]
+    if not held.size:
+        return found, 0, None
+    order = int(held[np.argmin(np.abs(held))])
+    x = found.coordinate_px + period_px * order
+    spread = float(np.sqrt(np.mean((held - order) ** 2)))
+    return replace(found, coordinate_px=sealed(x)), order, spread
 
 
 def shadows_without_step(prepared: PreparedPair, found: DisplacementMap) -> BoolMap:

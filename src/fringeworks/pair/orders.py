@@ -133,6 +133,8 @@ def guided_count(
         return counting.solution(found)
     band = band_pass()
     orders, undecided = compare_orders(found.displacement_px, band, period)
+    # Rows are counted from their own extrema; the band-pass is continuous up to the frame's rim.
+    orders += common_order(found.displacement_px + orders * period, band, period)
     wrong = np.any((orders != 0) | undecided, axis=1)
     if wrong.any():
         guide = by_bands(
@@ -173,6 +175,19 @@ def invert_again(
         found.sigma_px[seen][rows] = again.sigma_px[rows]
         found.modulation_ratio[seen][rows] = again.modulation_ratio[rows]
         found.reason[seen][rows] = again.reason[rows]
+
+
+def common_order(first: FloatMap, second: FloatMap, period_px: float) -> int:
+    """Whole periods to add to ``first`` so that most of the frame, and most of its rim, agree with
+    ``second``; 0 where frame and rim differ in that."""
+    order, comparable = _whole_periods(first, second, period_px)
+    if not comparable.any():
+        return 0
+    depth = max(1, round(period_px))
+    rim = comparable.copy()
+    rim[depth:-depth, depth:-depth] = False
+    whole = _middle(order[comparable])
+    return whole if not rim.any() or _middle(order[rim]) == whole else 0
 
 
 def _near(rows: BoolMap, reach: int) -> BoolMap:

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.pair.counting import MAX_DISPLACEMENT_PERIODS
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.reference_phase import ReferencePhase, reference_phase
 from fringeworks.signal.bands import row_bands
@@ -34,6 +36,12 @@ INWARDS_PERIODS = 0.25
 SEGMENTS = 32
 """Parts of the rim of which one at a time is left out for the covariance: with four unknowns, the
 covariance is known to about a quarter."""
+DEPTHS = 8
+"""Parts of the background, by their distance from the frame's border, of which one at a time is
+left out as well: the skirt of an object goes around the frame, and shows from the rim inwards."""
+UNKNOWN_PERIODS = float(np.sqrt(MAX_DISPLACEMENT_PERIODS * (MAX_DISPLACEMENT_PERIODS + 1.0) / 3.0))
+"""Standard deviation of a zero whose whole periods nothing tells, periods: displacements are
+searched up to ``MAX_DISPLACEMENT_PERIODS`` either way, and each order among them is as likely."""
 SIDE_PARTS = 8
 """Parts of one side of the rim, whose scatter tells how well the mean of the side is known."""
 FIT_STEPS = 30
@@ -53,6 +61,9 @@ MAJORITY = 0.5
 stands less than a half of outliers."""
 MIN_SIDES = 3
 """Sides of the frame that must show background: an object may stand on one side."""
+PEAKED = 2.0 / float(np.sqrt(2.0 * np.pi * np.exp(1.0)))
+"""Standard deviation, over half the width of an interval, at which values within it are as likely
+by a normal distribution as by one that is uniform."""
 MIN_OBJECT_SHARE = 0.01
 """Smallest share of the blocks that shows an object; without one, a plane at another height cannot
 be told from a camera that moved."""
@@ -83,6 +94,9 @@ class Rim(Frozen):
     """The displacement by the movement, (h, w), px, where it is removed."""
     sigma_px: FloatMap | None = None
     """Standard deviation of that, (h, w), px."""
+    zero_sigma_px: float = 0.0
+    """Standard deviation of the zero, which all pixels share, px, where its whole periods are
+    unknown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,18 +209,29 @@ def _solved(normal: FloatMap, pull: FloatMap) -> FloatMap:
     return np.asarray(np.linalg.pinv(normal, rcond=TINY_RANK**2, hermitian=True) @ pull)
 
 
-def _covariance(design: FloatMap, u: FloatMap, weight: FloatMap) -> FloatMap:
-    """Covariance of the fit by leaving out one part of the rim at a time (the jackknife): errors
-    that go on along the rim count as they are."""
+def _covariance(design: FloatMap, u: FloatMap, weight: FloatMap, count: int) -> FloatMap:
+    """Covariance of the fit by leaving out one of ``count`` parts at a time (the jackknife): errors
+    that go on within a part count as they are."""
     weighted = design * weight[:, None]
-    starts = -(-np.arange(SEGMENTS) * u.size // SEGMENTS)
+    starts = -(-np.arange(count) * u.size // count)
     parts = [slice(*ends) for ends in pairwise((*starts, u.size))]
     normals = np.stack([weighted[part].T @ design[part] for part in parts])
     pulls = np.stack([weighted[part].T @ u[part] for part in parts])
     without = normals.sum(axis=0) - normals, pulls.sum(axis=0) - pulls
     fits = np.stack([_solved(*one) for one in zip(*without, strict=True)])
     apart = fits - fits.mean(axis=0)
-    return np.asarray((SEGMENTS - 1) / SEGMENTS * apart.T @ apart)
+    return np.asarray((count - 1) / count * apart.T @ apart)
+
+
+def _depth(shape: tuple[int, ...]) -> FloatMap:
+    """Distance of blocks from the border of the frame, (r, c), blocks."""
+    rows, columns = (np.minimum(np.arange(n), np.arange(n)[::-1]) for n in shape)
+    return np.minimum(rows[:, None], columns).astype(np.float64)
+
+
+def _spread(left: FloatMap) -> float:
+    """Standard deviation of residuals, from their median magnitude."""
+    return float(np.median(np.abs(left))) / NORMAL_MEDIAN
 
 
 def _scatter(u: FloatMap) -> float:
@@ -254,9 +279,12 @@ def measure_rim(
     blocks = _blocks(u, sigma, side)
     known = np.isfinite(blocks.u) & np.isfinite(blocks.sigma)
     known &= _inside(known.shape, BORDER_PERIODS)
-    if np.count_nonzero(known) < MIN_PLACES:
-        return Rim(is_background=False)
-    return _measured(prepared, found, blocks, known, given=background is not None)
+    rim = Rim(is_background=False)
+    if np.count_nonzero(known) >= MIN_PLACES:
+        rim = _measured(prepared, found, blocks, known, given=background is not None)
+    if rim.is_background and (rim.has_object or not rim.significant):
+        return rim
+    return replace(rim, zero_sigma_px=UNKNOWN_PERIODS * prepared.period)
 
 
 def _measured(
@@ -267,53 +295,108 @@ def _measured(
     y, x = blocks.places()
     design = motion.design(y, x - np.where(known, blocks.u, 0.0))
     sides = [_places(known)] if given else _sides(known)
-    walk = tuple(np.concatenate(part) for part in zip(*sides, strict=True))
-    u, of_walk = blocks.u[walk], design[walk]
-    if u.size < MIN_PLACES:
+    rim = _fit_of_rim(prepared, blocks, design, sides)
+    if rim is None or (not given and _goes_on_bending(prepared, rim.left, known, sides)):
         return Rim(is_background=False)
-    scale = max(_scatter(u), float(np.finfo(np.float32).eps))
-    theta, _ = _fit(of_walk, u, scale)
-    near = np.maximum(OBJECT_SIGMAS * blocks.sigma, BENT_PERIODS * prepared.period)
-    off = np.abs(blocks.u - design @ theta) > near
-    shares = [float(np.mean(~off[side])) for side in sides]
-    if sum(share >= MAJORITY for share in shares) < min(MIN_SIDES, len(sides)):
-        return Rim(is_background=False)
-    if not given:
-        left = (blocks.u - design @ theta) / prepared.period
-        if _goes_on_bending(left, known, sides, min(prepared.reference.shape) / prepared.period):
-            return Rim(is_background=False)
+    apart = np.abs(rim.left)
+    # A surface that goes up and down as the rim does is no object on a background.
+    off = apart > np.maximum(rim.near, OBJECT_SIGMAS * rim.spread)
     has_object = given or float(np.mean(off[known])) >= MIN_OBJECT_SHARE
-    flat = known & ~_near_object(off & known) & _inside(known.shape, CLEAR_PERIODS)
+    # The skirt of an object leaves the rim's level by more than the rim itself does.
+    least = np.minimum(rim.near, OBJECT_SIGMAS * rim.spread)
+    off = known & (apart > np.maximum(OBJECT_SIGMAS * blocks.sigma, least))
+    flat = known & ~_near_object(off) & _inside(known.shape, CLEAR_PERIODS)
     if np.count_nonzero(flat) < MIN_PLACES:
         flat = np.zeros(known.shape, bool)
-        flat[walk] = True
-    around = np.argsort(np.arctan2(y - y.mean(), x - x.mean())[flat], kind="stable")
-    of_flat, u = design[flat][around], blocks.u[flat][around]
-    theta, weight = _fit(of_flat, u, scale)
-    covariance = _covariance(of_flat, u, weight)
+        flat[tuple(np.concatenate(part) for part in zip(*sides, strict=True))] = True
+    angle = np.arctan2(y - y.mean(), x - x.mean())[flat]
+    fit = _fit_of_background(design[flat], blocks.u[flat], (angle, _depth(known.shape)[flat]), rim)
     # What the background's own σ covers is no movement: that σ holds errors which neighbours share.
-    least = CLEAR_SIGMAS * float(np.median(blocks.sigma[flat]))
-    clear = float(np.sqrt(np.mean((of_flat @ theta) ** 2))) > least
-    rim = _told(prepared, motion, (theta, covariance), clear)
-    if abs(rim.shift_px) >= 0.5 * prepared.period:
+    # Those that go on along the rim are in the covariance.
+    typical = float(np.median(blocks.sigma[flat]))
+    clear = bool(float(np.sqrt(np.mean((design[flat] @ fit[0]) ** 2))) > typical)
+    told = replace(_told(prepared, motion, fit, clear), has_object=has_object)
+    if not has_object:  # what is displaced fills the frame, and has no skirt
+        told = replace(told, significant=clear)
+    if abs(told.shift_px) >= 0.5 * prepared.period:
         return Rim(is_background=False)  # fringes tell a movement modulo one period
-    rim = replace(rim, has_object=has_object)
-    if not (rim.significant and has_object):
-        return rim
-    moved, sigma = _maps(prepared, found, motion, (theta, covariance))
-    return replace(rim, displacement_px=moved, sigma_px=sigma)
+    if not (told.significant and has_object):
+        return told
+    moved, sigma = _maps(prepared, found, motion, fit)
+    return replace(told, displacement_px=moved, sigma_px=sigma)
 
 
-def _goes_on_bending(left: FloatMap, known: BoolMap, sides: list[Places], periods: float) -> bool:
+class _RimFit(NamedTuple):
+    """A movement that explains most of the rim."""
+
+    left: FloatMap
+    """What it leaves of all blocks, (r, c), px."""
+    near: FloatMap
+    """Distance up to which a block counts as background, (r, c), px."""
+    spread: float
+    """Standard deviation of what it leaves of the rim, px."""
+    scale: float
+    """Noise of a block, px."""
+
+
+def _fit_of_rim(
+    prepared: PreparedPair, blocks: _Blocks, design: FloatMap, sides: list[Places]
+) -> _RimFit | None:
+    """The movement that explains most of the rim; None where none does on three sides.
+
+    What it leaves of the background must be closer to a normal distribution than to one in which
+    any level is as likely, as on a surface that goes up and down.
+    """
+    walk = tuple(np.concatenate(part) for part in zip(*sides, strict=True))
+    u = blocks.u[walk]
+    if u.size < MIN_PLACES:
+        return None
+    scale = max(_scatter(u), float(np.finfo(np.float32).eps))
+    theta, _ = _fit(design[walk], u, scale)
+    left = blocks.u - design @ theta
+    near = np.maximum(OBJECT_SIGMAS * blocks.sigma, BENT_PERIODS * prepared.period)
+    share = np.abs(left) / near
+    clear = [float(np.mean(share[side] <= 1.0)) for side in sides]
+    if sum(s >= MAJORITY for s in clear) < min(MIN_SIDES, len(sides)):
+        return None
+    inside = share[walk][share[walk] <= 1.0]
+    if float(np.sqrt(np.mean(inside**2))) > PEAKED:
+        return None
+    return _RimFit(left, near, _spread(left[walk]), scale)
+
+
+def _fit_of_background(
+    design: FloatMap, u: FloatMap, places: tuple[FloatMap, FloatMap], rim: _RimFit
+) -> tuple[FloatMap, FloatMap]:
+    """The movement of the background's blocks, and its covariance.
+
+    ``places`` are the angle about the frame's middle and the distance from its border, by which the
+    blocks are taken apart for the covariance.
+    """
+    theta, weight = _fit(design, u, rim.scale)
+    covariance: FloatMap = np.zeros((theta.size, theta.size))
+    for place, parts in zip(places, (SEGMENTS, DEPTHS), strict=True):
+        order = np.argsort(place, kind="stable")
+        covariance += _covariance(design[order], u[order], weight[order], parts)
+    # What a movement leaves of the rim is shape, of the sheet or of the object, which may as well
+    # raise all of it.
+    raised = _solved((design * weight[:, None]).T @ design, design.T @ weight)
+    return theta, covariance + rim.spread**2 * np.outer(raised, raised)
+
+
+def _goes_on_bending(
+    prepared: PreparedPair, left_px: FloatMap, known: BoolMap, sides: list[Places]
+) -> bool:
     """Whether the surface leaves the fit from the rim inwards, as a body that fills the frame does.
 
-    ``left`` are the residuals, periods, and ``periods`` is the shorter side of the frame. A sheet
-    that sags by ``BENT_PERIODS`` in its middle has at its rim, L periods from there, a slope of
-    2 · BENT_PERIODS / L. Fewer than ``MIN_SIDES`` without such a slope are no background.
+    ``left_px`` are the residuals. A sheet that sags by ``BENT_PERIODS`` in its middle has at its
+    rim, L periods from there, a slope of 2 · BENT_PERIODS / L. Fewer than ``MIN_SIDES`` without
+    such a slope are no background.
     """
     inner = known & _inside(known.shape, BORDER_PERIODS + INWARDS_PERIODS)
     if np.count_nonzero(inner) < MIN_PLACES:
         return False
+    left, periods = left_px / prepared.period, min(prepared.reference.shape) / prepared.period
     sag = 2.0 * BENT_PERIODS / (0.5 * periods) * INWARDS_PERIODS
     bent = 0
     for walk, further in zip(sides, _sides(inner), strict=True):
@@ -376,3 +459,25 @@ def without_movement(found: DisplacementMap, rim: Rim) -> DisplacementMap:
         displacement_px=sealed((found.displacement_px - rim.displacement_px).astype(kind)),
         sigma_px=sealed(np.hypot(found.sigma_px, rim.sigma_px).astype(found.sigma_px.dtype)),
     )
+
+
+def with_unknown_zero(found: DisplacementMap, rim: Rim) -> DisplacementMap:
+    """A displacement whose σ holds the whole periods that the zero may be off by.
+
+    ``details["zero_sigma_px"]`` is that part, which all pixels share. σ is in double precision
+    then, so that the part of single pixels can be told again (``of_pixels``).
+    """
+    if rim.zero_sigma_px == 0.0:
+        return found
+    sigma = np.hypot(found.sigma_px.astype(np.float64), rim.zero_sigma_px)
+    details = {**found.details, "zero_sigma_px": rim.zero_sigma_px}
+    return replace(found, sigma_px=sealed(sigma), details=details)
+
+
+def of_pixels(found: DisplacementMap) -> tuple[DisplacementMap, float]:
+    """The displacement without the part of σ by an unknown zero, and that part, px."""
+    zero = float(found.details.get("zero_sigma_px", 0.0))
+    if zero == 0.0:
+        return found, zero
+    sigma = np.sqrt(np.maximum(found.sigma_px**2 - zero**2, 0.0))
+    return replace(found, sigma_px=sealed(sigma)), zero

@@ -230,10 +230,12 @@ def rim_findings(rim: Rim | None, found: DisplacementMap) -> tuple[Finding, ...]
             Finding(
                 "no background",
                 "the rim of the frame does not show the plane of the reference: the zero of the "
-                "displacement is unknown, and its whole periods too",
+                f"displacement is unknown, and its whole periods too; σ has a part of "
+                f"{rim.zero_sigma_px:.0f} px for them, which all pixels share",
                 causes=("the object fills the frame", "something moved along with the object"),
-                advice="leave background free on three sides, or mark it (background); until then, "
-                "use differences within the surface only",
+                advice="leave background free on three sides, or mark it (background), or give a "
+                "depth range with a rig; until then, use differences within the surface only",
+                figures={"zero_sigma_px": rim.zero_sigma_px},
             ),
         )
     return (_moved_frame(rim),) if rim.significant else ()
@@ -252,13 +254,14 @@ def _moved_frame(rim: Rim) -> Finding:
         return Finding(
             "moved frame",
             f"{seen}: removed, the background is the zero",
-            causes=causes,
+            causes=(*causes, "the rim shows another plane than the reference's"),
             advice="fix camera and projector; zero='reference' keeps this displacement",
             figures=figures,
         )
     return Finding(
         "moved frame",
-        f"{seen}, as is the rest of the frame: kept, for nothing else tells the zero",
+        f"{seen}, as is the rest of the frame: kept, for nothing else tells the zero; σ has a part "
+        f"of {rim.zero_sigma_px:.0f} px for whole periods, which all pixels share",
         causes=("a plane at another height fills the frame", *causes),
         advice="leave background free around the object, or mark it (background); whole periods of "
         "this displacement are unknown",

@@ -13,13 +13,23 @@ from fringeworks.files.archives import read_coordinates
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.rig import read_rig
 from fringeworks.pair.object_coordinates import at_reference, object_coordinates
-from fringeworks.pair.order_range import orders_in_range, projector_period, shadows_without_step
+from fringeworks.pair.order_range import (
+    common_order,
+    orders_in_range,
+    projector_period,
+    shadows_without_step,
+)
 from fringeworks.pair.plane_evidence import PLANE_SIGMA_MM, PlaneEvidence, plane_evidence
 from fringeworks.pair.prepared import PreparedPair, prepare
 from fringeworks.pair.registry import MethodOption
+from fringeworks.pair.rim import of_pixels
 from fringeworks.pipeline.inputs import pair_of
 from fringeworks.pipeline.pairs import Reconstruction, Zero, reconstruct
-from fringeworks.pipeline.plane_findings import order_findings, plane_findings
+from fringeworks.pipeline.plane_findings import (
+    common_order_finding,
+    order_findings,
+    plane_findings,
+)
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.rig.depth_range import DepthRange, depth_range_of
 from fringeworks.rig.plane_coordinates import surface_coordinates
@@ -117,13 +127,15 @@ def measure_pair(
     chosen: dict[str, Any] = {"response": response, "denoise": denoise, "zero": zero, **options}
     found = reconstruct(replace(pair, geometry=None), method, geometry=None, **chosen)
     with found_before(found.findings):
+        moved, zero_px = of_pixels(found.displacement)
+        found = replace(found, displacement=moved)
         scene = _Scene(pair, prepare(pair, response=response), found, rig.rig)
         known = _reference(given, plane, scene, pattern)
-        decoded, checked = _ordered(scene, known, pattern, depth)
+        decoded, checked, zero_px = _ordered(scene, known, pattern, depth, zero_px)
         colour = sealed(np.asarray(pair.object, np.float64))
         points = rig.triangulate(decoded, axis=known.map.axis, colour=colour)
-    common, told = _common(known, decoded, scene, points)
-    points, decoded = _with_common(points, decoded, common, scene, known)
+    common_px, told = _common(known, decoded, scene, points, zero_px)
+    points, decoded = _with_common(points, decoded, common_px)
     seconds = time.perf_counter() - started
     origin = made_by(
         "measure",
@@ -221,15 +233,23 @@ def _with_map(decoded: Decoded, found: CoordinateMap) -> Decoded:
 
 
 def _ordered(
-    scene: _Scene, known: _Known, pattern: _Pattern, depth: DepthRange | None
-) -> tuple[Decoded, tuple[Finding, ...]]:
-    """The object's coordinates with the orders that a depth range allows, and the findings."""
+    scene: _Scene, known: _Known, pattern: _Pattern, depth: DepthRange | None, zero_px: float
+) -> tuple[Decoded, tuple[Finding, ...], float]:
+    """The object's coordinates with the orders that a depth range allows, the findings, and the
+    part of σ by whole periods of the zero that stay unknown, px."""
     decoded = _decoded(scene, known)
     period = pattern.period_px or projector_period(scene.prepared, known.map)
     checked = None
+    told: tuple[Finding, ...] = ()
     if depth is not None:
         if period is None:
             raise InputError("depth_mm: expected clear fringes in the reference, or period_px")
+        if zero_px > 0.0:
+            found, order, spread = common_order(_only(decoded), depth, period)
+            decoded = _with_map(decoded, found)
+            if spread is not None:
+                zero_px = spread * scene.found.displacement.period_px
+                decoded, told = common_order_finding(decoded, order, spread)
         found = _only(decoded)
         sigma = np.hypot(found.sigma_px, _carried(scene, known.map))
         corrected, checked = orders_in_range(replace(found, sigma_px=sigma), depth, period)
@@ -237,7 +257,8 @@ def _ordered(
         corrected = replace(corrected, sigma_px=sealed(lost))
         decoded = _with_map(decoded, corrected)
     shadows = shadows_without_step(scene.prepared, scene.found.displacement)
-    return decoded, order_findings(scene.rig, known.map, period, shadows, checked)
+    told = (*told, *order_findings(scene.rig, known.map, period, shadows, checked))
+    return decoded, told, zero_px
 
 
 def _carried(scene: _Scene, plane: CoordinateMap) -> FloatMap:
@@ -246,26 +267,36 @@ def _carried(scene: _Scene, plane: CoordinateMap) -> FloatMap:
 
 
 def _common(
-    known: _Known, decoded: Decoded, scene: _Scene, points: PointCloud
+    known: _Known, decoded: Decoded, scene: _Scene, points: PointCloud, zero_px: float
 ) -> tuple[FloatMap | None, tuple[Finding, ...]]:
-    """The part of the points' σ by a stated plane, (h, w), mm, and the findings about it."""
-    if known.stated is None or known.evidence is None:
-        return None, ()
-    with np.errstate(all="ignore"):
-        per_px = points.noise_mm / _only(decoded).sigma_px
-        common = np.asarray(per_px * _carried(scene, known.map))
-    return common, plane_findings(known.stated, known.evidence, common, points)
+    """The part of the coordinates' σ that all share, (h, w), px, by a stated plane and by whole
+    periods of the zero; None without either. And the findings about the plane."""
+    told: tuple[Finding, ...] = ()
+    common: FloatMap = np.zeros(_only(decoded).sigma_px.shape)
+    if known.stated is not None and known.evidence is not None:
+        common = _carried(scene, known.map)
+        with np.errstate(all="ignore"):
+            common_mm = np.asarray(points.noise_mm / _only(decoded).sigma_px * common)
+        told = plane_findings(known.stated, known.evidence, common_mm, points)
+    if zero_px > 0.0:
+        (first, second), _ = at_reference(scene.found.displacement, known.map.coordinate_px)
+        common = np.hypot(common, zero_px * np.abs(second - first))
+    elif known.stated is None:
+        return None, told
+    return common, told
 
 
 def _with_common(
-    points: PointCloud, decoded: Decoded, common: FloatMap | None, scene: _Scene, known: _Known
+    points: PointCloud, decoded: Decoded, common_px: FloatMap | None
 ) -> tuple[PointCloud, Decoded]:
     """Points and coordinates with that part in their σ, but not in the points' noise."""
-    if common is None:
+    if common_px is None:
         return points, decoded
-    sigma = np.hypot(points.sigma_mm, common).astype(np.float32)
     found = _only(decoded)
-    wide = np.hypot(found.sigma_px, _carried(scene, known.map))
+    with np.errstate(all="ignore"):
+        common_mm = np.asarray(points.noise_mm / found.sigma_px * common_px)
+    sigma = np.hypot(points.sigma_mm, common_mm).astype(np.float32)
+    wide = np.hypot(found.sigma_px, common_px)
     decoded = _with_map(decoded, replace(found, sigma_px=sealed(wide)))
     return replace(points, sigma_mm=sealed(sigma)), decoded
 

@@ -14,7 +14,7 @@ from fringeworks.pair.analyse import analyse
 from fringeworks.pair.prepared import prepare
 from fringeworks.pair.reference_plane import to_surface
 from fringeworks.pair.registry import MethodOption
-from fringeworks.pair.rim import Rim, measure_rim, without_movement
+from fringeworks.pair.rim import Rim, measure_rim, with_unknown_zero, without_movement
 from fringeworks.pipeline.inputs import pair_of, sources_of
 from fringeworks.pipeline.pair_findings import frame_findings, pair_findings, rim_findings
 from fringeworks.rig.calibration.planes import (
@@ -176,7 +176,7 @@ def _displacement(
     if zero == "reference" or pair.reference is None or pair.mask is not None:
         return found, None
     rim = measure_rim(prepared, found, pair.background)
-    return without_movement(found, rim), rim
+    return with_unknown_zero(without_movement(found, rim), rim), rim
 
 
 def _on_rays(surface: HeightMap, geometry: ReferencePlaneGeometry | None) -> HeightMap:

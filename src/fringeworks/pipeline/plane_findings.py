@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fringeworks.pair.order_range import OrderCheck
@@ -11,6 +13,7 @@ from fringeworks.rig.stated_plane import StatedPlane
 from fringeworks.types import (
     BoolMap,
     CoordinateMap,
+    Decoded,
     Finding,
     FloatMap,
     Pixels,
@@ -143,6 +146,37 @@ def order_findings(
             )
         )
     return tuple(found)
+
+
+def common_order_finding(
+    decoded: Decoded, order: int, spread: float
+) -> tuple[Decoded, tuple[Finding, ...]]:
+    """Say which whole periods a depth range gives to an object that fills the frame.
+
+    Parameters
+    ----------
+    decoded : Decoded
+        With the findings of the pair; those about its zero stay where the range leaves orders open.
+    order : int
+        Whole periods that were added.
+    spread : float
+        Standard deviation of these.
+    """
+    figures = {"periods": float(order), "sigma_periods": spread}
+    if spread > 0.0:
+        seen = (
+            "the object fills the frame, and the depth range is longer than a period: the whole "
+            f"periods are {order:+d} ± {spread:.1f}, which is part of σ"
+        )
+        advice = "give a depth range (depth_mm) shorter than a period"
+        return decoded, (Finding("whole periods", seen, advice=advice, figures=figures),)
+    seen = (
+        "the object fills the frame: the depth range tells the whole periods of the displacement, "
+        f"{order:+d}; a camera that moved between the frames would not be noticed"
+    )
+    kept = tuple(f for f in decoded.findings if f.kind not in ("no background", "moved frame"))
+    finding = Finding("whole periods", seen, figures=figures, severity="note")
+    return replace(decoded, findings=kept), (finding,)
 
 
 def _ranged(orders: OrderCheck, known: CoordinateMap, figures: dict[str, float]) -> Finding:

@@ -348,6 +348,6 @@ def measure(
             )
         measure_cameras(stacks, rig_file, out, how, chosen, show)
         return
-    known = {"axis": chosen, "epipolar_px": epipolar_px, "blur_px": blur_px}
+    known: dict[str, Any] = {"axis": chosen, "epipolar_px": epipolar_px, "blur_px": blur_px}
     known |= {"depth_mm": depth_of(depth), "white_balance": gains_of(white_balance)}
     measure_points(stacks[0], rig_file, out, how, show, ply.value, **known)

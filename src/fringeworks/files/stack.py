@@ -224,22 +224,20 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
     description = folder / CAPTURE_FILE
     described = is_file(description)
     content = _described(folder)
-    video = video_in(folder) if content.frames is None else None
-    if video is not None:
-        content = content.model_copy(update={"frames": video})
+    listed = content.frames if content.frames is not None else video_in(folder)
     if plan is None:
         plan = inside(folder, content.plan)
         if not is_file(plan):
             raise missing_description(folder, told(content.plan), captures_in(folder))
     layout, saturation = _plan_of(plan), content.saturation
     channels = checked_channels(channels or content.channels)
-    if isinstance(content.frames, str):
-        paths = [existing_file(inside(folder, content.frames), "a stack of frames")]
+    if isinstance(listed, str):
+        paths = [existing_file(inside(folder, listed), "a stack of frames")]
         frames, lossy, said = _read_file(paths[0], channels, layout)
         read = ReadFrames(tuple(frames), (), step_of(frames[0].dtype) if frames else None, lossy)
         notes = list(said)
     else:
-        paths, notes = _images_in_order(folder, content.frames, channels, layout)
+        paths, notes = _images_in_order(folder, listed, channels, layout)
         # Where an image holds several frames, each channel has a pattern of its own.
         single = channels == BEST or len(channels) <= 1
         shown = texture_weights(layout) if single else {}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fringeworks import _core
-from fringeworks.files import points
+from fringeworks.files.point_table import PointTable
 from fringeworks.files.white import WHITE, eight_bits, white_of
 from fringeworks.types import Reason
 from tests.measured_clouds import a_cloud
@@ -47,8 +47,7 @@ def test_the_kernel_packs_the_bytes_of_numpy(kind, seed):
         cloud = replace(cloud, xyz_mm=np.nan_to_num(cloud.xyz_mm))
     elif kind == "double":  # another precision goes by NumPy
         cloud = replace(cloud, colour=np.asarray(cloud.colour, np.float64) * 1.001)
-    ok = cloud.reason == Reason.OK
-    packed = b"".join(part.tobytes() for part in points._vertices(cloud, ok, "points"))
+    packed = b"".join(part.tobytes() for part in PointTable(cloud).parts())
     assert packed == by_numpy(cloud)
 
 

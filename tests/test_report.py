@@ -181,7 +181,8 @@ def test_results_are_read_from_files(results, tmp_path):
     ("name", "content", "said"),
     [
         ("x.ply", None, "x.ply"),
-        ("x.csv", "a", "expected one of .ply"),
+        ("x.csv", "a", "x.csv: expected columns x, y and z, got a"),
+        ("x.docx", "a", "expected one of .ply"),
         ("x.json", "[1]", "expected the numerical results"),
         ("x.json", "{", "x.json"),
         ("x.toml", "kind = 3", "x.toml"),

@@ -82,9 +82,10 @@ MAX_SCALE_PERIODS = 2.2
 An object's shape is drawn with its fringes: wider windows than these flatten it. An empirical
 choice.
 """
-START_PERIODS = 0.5
-"""Largest width of the smoothing of the start, periods. The band-pass has about that width itself:
-less leaves more noise, more smooths creases away that windows of low contrast do not give back."""
+START_PERIODS = 1.0
+"""Largest width of the smoothing of the start, periods; it then follows what the fringes show. With
+half a period, errors on creases of low contrast are a sixth smaller, but the tip of a photographed
+cone comes out 0.9 px too low instead of 0.1 px."""
 MAX_SCALE_SHARE = 1.0 / 8.0
 """Widest default window, as a share of the frame's width.
 

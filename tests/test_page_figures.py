@@ -52,7 +52,7 @@ FIGURES: dict[str, list[tuple[str, str, float]]] = {
         (r"rows of an image or device \| ([\d ]+) \|", "files:MAX_LENGTH_PX", 1),
         (r"pages of a TIFF \| ([\d ]+) \|", "files:MAX_PAGES", 1),
         (r"cameras of one rig \| (\d+) \|", "files:MAX_CAMERAS", 1),
-        (r"version 7.3 \| (\d+) s", "files.hdf5_process:CPU_SECONDS", 1),
+        (r"version 7.3 \| (\d+) s", "files.mat:CPU_SECONDS", 1),
     ],
     "reference.md": [
         (r"one file may take, GB; (\d+) by default", "files:DEFAULT_MAX_GB", 1),

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import subprocess
-import sys
 import uuid
 from importlib import import_module
 from pathlib import Path
@@ -15,7 +13,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fringeworks.files.limits import existing_file, max_bytes, parsing, told
+from fringeworks.files.apart import read_apart
+from fringeworks.files.limits import existing_file, max_bytes, parsing
 from fringeworks.files.point_table import LENGTHS, PointTable, fields_of
 from fringeworks.types import FileProblem, MissingPackage, Reason
 
@@ -40,8 +39,8 @@ INVALID = "cartesianInvalidState"
 """Field that says whether a point has a place: 0 for yes, 2 for no."""
 NO_PLACE = 2
 """Its value where there is no place."""
-CHILD_SECONDS = 300
-"""Time that reading may take, seconds."""
+CPU_SECONDS = 120
+"""Processor time that reading may take; 10 million points take about 5 s."""
 LARGEST_COLOUR = 255
 """Limit of a colour of 8 bits."""
 
@@ -195,7 +194,10 @@ def read_e57(path: Path) -> E57Points:
     path = existing_file(path, "an E57 file")
     need_pye57()
     with parsing(path, "an E57 file"):
-        arrays = np.load(io.BytesIO(_read(path)), allow_pickle=False)
+        most = max_bytes()
+        given = [str(path), str(most)]
+        content = read_apart("e57_process.py", given, most, CPU_SECONDS, "a readable E57 file")
+        arrays = np.load(io.BytesIO(content), allow_pickle=False)
         scans: dict[str, dict[str, NDArray[Any]]] = {}
         for key in arrays.files:
             number, _, name = key.partition("/")
@@ -208,26 +210,6 @@ def read_e57(path: Path) -> E57Points:
         whole = np.concatenate([table[shared] for table in tables]) if several else tables[0]
         text = str(scans["0"].get("details", "{}"))
         return E57Points(whole, json.loads(text) if not several else {})
-
-
-def _read(path: Path) -> bytes:
-    """The archive that the reading process writes."""
-    call = [sys.executable, "-P", str(Path(__file__).with_name("e57_process.py")), str(path)]
-    try:
-        done = subprocess.run(
-            [*call, str(max_bytes())],
-            capture_output=True,
-            timeout=CHILD_SECONDS,
-            check=False,
-            stdin=subprocess.DEVNULL,
-        )
-    except (OSError, ValueError, subprocess.TimeoutExpired) as error:
-        raise FileProblem("expected a readable E57 file, got none in time") from error
-    if done.returncode == 0:
-        return done.stdout
-    lines = done.stderr.decode("utf-8", "replace").splitlines()
-    why = told(lines[-1]) if lines and done.returncode == 2 else "a damaged one"
-    raise FileProblem(f"expected a readable E57 file, got: {why}")
 
 
 def _table(scan: dict[str, NDArray[Any]]) -> NDArray[Any]:

@@ -1,7 +1,6 @@
-"""Reads the scans of an E57 file and writes them to standard output; run by ``e57``.
+"""Reads the scans of an E57 file and writes them to standard output; run by ``apart``.
 
-A program of its own, with limits: libE57Format is a C++ library, which may crash on damaged files.
-It imports nothing of the package. Exit code 2: one line on standard error says what is wrong.
+libE57Format is a C++ library, which may crash on damaged files.
 """
 
 from __future__ import annotations
@@ -10,12 +9,6 @@ import io
 import sys
 from typing import Any
 
-MARGIN_BYTES = 2 << 30
-"""Memory beyond the points themselves: Python, NumPy and the library."""
-COPIES = 3
-"""Copies of the points that reading and writing them takes."""
-CPU_SECONDS = 120
-"""Processor time that reading may take; 10 million points take about 5 s."""
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 """Fields of places."""
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
@@ -29,17 +22,8 @@ OTHERS = (
 """Further fields that are read, where a scan has them."""
 
 
-def main(path: str, limit: int) -> None:
+def main(path: str, most: str) -> None:
     """Write the fields of every scan as an ``.npz`` archive."""
-    try:
-        import resource
-
-        memory = MARGIN_BYTES + COPIES * limit
-        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
-        resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS, CPU_SECONDS))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    except (ImportError, ValueError, OSError):
-        pass  # no such limits on this system; the caller's time limit remains
     import numpy as np
     from pye57 import libe57
 
@@ -47,7 +31,7 @@ def main(path: str, limit: int) -> None:
     root = file.root()
     scans = root["data3D"]
     arrays: dict[str, Any] = {}
-    room = limit
+    room = int(most)
     for number in range(len(scans)):
         found = _scan(file, scans[number], room)
         room -= sum(values.nbytes for values in found.values())
@@ -109,15 +93,3 @@ def _pose(scan: Any) -> Any:
                 node = scan["pose"][part]
                 pose[start : start + len(names)] = [node[name].value() for name in names]
     return pose
-
-
-def _failed(why: str) -> int:
-    print(why, file=sys.stderr)
-    return 2
-
-
-if __name__ == "__main__":
-    try:
-        main(sys.argv[1], int(sys.argv[2]))
-    except Exception as error:  # libE57Format raises many kinds for a damaged file
-        sys.exit(_failed(f"{error}".replace("\n", " ")))

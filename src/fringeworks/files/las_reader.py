@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import struct
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.files.apart import read_apart
 from fringeworks.files.las import EXTRA, METRE, RECORD, USER, need_laspy
-from fringeworks.files.limits import check_bytes, existing_file, parsing, read_content, told
+from fringeworks.files.limits import check_bytes, existing_file, parsing, read_content
 from fringeworks.files.point_table import COLOURS, LENGTHS, NORMAL_AXES, fields_of
 from fringeworks.files.provenance import from_json
 from fringeworks.types import FileProblem, Provenance
@@ -42,8 +41,8 @@ TYPES = ("", "u1", "i1", "<u2", "<i2", "<u4", "<i4", "<u8", "<i8", "<f4", "<f8")
 """Types of extra dimensions by their numbers; 0 is a number of bytes without a meaning."""
 SCALED, SHIFTED = 8, 16
 """Options of extra dimensions that have a scale and an offset."""
-CHILD_SECONDS = 300
-"""Time that decompression may take, seconds."""
+CPU_SECONDS = 120
+"""Processor time that decompression may take; 10 million points take about 5 s."""
 
 
 class LasPoints(NamedTuple):
@@ -133,23 +132,9 @@ def _unpacked(path: Path, header: _Header) -> bytes:
     packing = header.records.get((LASZIP, LASZIP_RECORD), b"")
     if not 0 < len(packing) <= MOST_LASZIP_BYTES:
         raise FileProblem("expected a record of the compression, got none")
-    call = [sys.executable, "-P", str(Path(__file__).with_name("laz_process.py")), str(path)]
-    numbers = [packing.hex(), str(header.start), str(header.points * header.size)]
-    try:
-        done = subprocess.run(
-            [*call, *numbers],
-            capture_output=True,
-            timeout=CHILD_SECONDS,
-            check=False,
-            stdin=subprocess.DEVNULL,
-        )
-    except (OSError, ValueError, subprocess.TimeoutExpired) as error:
-        raise FileProblem("expected a readable LAZ file, got none in time") from error
-    if done.returncode == 0:
-        return done.stdout
-    lines = done.stderr.decode("utf-8", "replace").splitlines()
-    why = told(lines[-1]) if lines and done.returncode == 2 else "a damaged one"
-    raise FileProblem(f"expected a readable LAZ file, got: {why}")
+    size = header.points * header.size
+    given = [str(path), packing.hex(), str(header.start), str(size)]
+    return read_apart("laz_process.py", given, size, CPU_SECONDS, "a readable LAZ file")
 
 
 def _table(body: bytes, header: _Header) -> NDArray[Any]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import struct
-import sys
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.files.apart import read_apart
 from fringeworks.files.limits import (
     check_bytes,
     check_frame_size,
@@ -50,8 +50,8 @@ COMPLEX = 0x0800
 """Flag of complex numbers."""
 HEAD_BYTES = 4096
 """Bytes of a variable that hold its class, size and name: names have at most 63 letters."""
-CHILD_SECONDS = 120
-"""Time that reading an HDF5 file may take, seconds."""
+CPU_SECONDS = 60
+"""Processor time that reading an HDF5 file may take."""
 
 
 class _Element(NamedTuple):
@@ -164,22 +164,8 @@ def _element(data: bytes, place: int, order: str) -> _Element:
 
 def _from_hdf5(path: Path, name: str) -> NDArray[Any]:
     """A variable of version 7.3, read by a process that may crash."""
-    import subprocess  # 5 ms, for those only who read such files
-
-    call = [sys.executable, "-P", str(Path(__file__).with_name("hdf5_process.py")), str(path)]
-    try:
-        done = subprocess.run(
-            [*call, name, str(max_bytes())],
-            capture_output=True,
-            timeout=CHILD_SECONDS,
-            check=False,
-            stdin=subprocess.DEVNULL,
-        )
-    except (OSError, ValueError, subprocess.TimeoutExpired) as error:
-        raise FileProblem(f"{path}: expected a readable .mat, got none in time") from error
-    if done.returncode == 0:
-        with parsing(path, "a readable .mat"):
-            return np.asarray(np.load(io.BytesIO(done.stdout), allow_pickle=False))
-    lines = done.stderr.decode("utf-8", "replace").splitlines()
-    why = told(lines[-1]) if lines and done.returncode == 2 else "a damaged one"
-    raise FileProblem(f"{path}: expected a readable .mat, got: {why}")
+    with parsing(path, "a readable .mat"):
+        most = max_bytes()
+        given = [str(path), name, str(most)]
+        content = read_apart("hdf5_process.py", given, most, CPU_SECONDS, "a readable .mat")
+        return np.asarray(np.load(io.BytesIO(content), allow_pickle=False))

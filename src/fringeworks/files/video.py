@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -11,14 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.files.limits import max_bytes, parsing, told
-from fringeworks.types import FileProblem, FramesContradictPlan
+from fringeworks.files.apart import read_apart
+from fringeworks.files.limits import max_bytes, parsing
+from fringeworks.types import FramesContradictPlan
 from fringeworks.types.packages import need_opencv
 
 VIDEO_SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm")
 """Suffixes of videos."""
-CHILD_SECONDS = 600
-"""Time that decoding may take, seconds."""
+CPU_SECONDS = 300
+"""Processor time that decoding may take; a minute of Full HD takes about 20 s."""
 SAMPLED_PX = 40_000
 """Pixels in which the change from frame to frame is measured: their mean has little noise."""
 SHOWN_NUMBERS = 4
@@ -35,30 +34,12 @@ def read_video(path: Path) -> NDArray[np.uint8]:
     """
     need_opencv("a video")
     with parsing(path, "a readable video"):
-        content = _decoded(path)
+        most = max_bytes()
+        given = [str(path), str(most)]
+        content = read_apart("video_process.py", given, most, CPU_SECONDS, "a readable video")
         head, _, body = content.partition(b"\n")
         height, width = (int(n) for n in head.split())
         return np.frombuffer(body, np.uint8).reshape(-1, height, width)
-
-
-def _decoded(path: Path) -> bytes:
-    """What the decoding process writes."""
-    call = [sys.executable, "-P", str(Path(__file__).with_name("video_process.py")), str(path)]
-    try:
-        done = subprocess.run(
-            [*call, str(max_bytes())],
-            capture_output=True,
-            timeout=CHILD_SECONDS,
-            check=False,
-            stdin=subprocess.DEVNULL,
-        )
-    except (OSError, ValueError, subprocess.TimeoutExpired) as error:
-        raise FileProblem("expected a readable video, got none in time") from error
-    if done.returncode == 0:
-        return done.stdout
-    lines = done.stderr.decode("utf-8", "replace").splitlines()
-    why = told(lines[-1]) if lines and done.returncode == 2 else "a damaged one"
-    raise FileProblem(f"expected a readable video, got: {why}")
 
 
 def frames_of_plan(

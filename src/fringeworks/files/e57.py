@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import uuid
@@ -81,32 +82,47 @@ def write_e57(path: Path, table: PointTable) -> None:
     columns = _columns(points)
     details: dict[str, Any] = {"shape": table.shape, "findings": table.findings}
     details["provenance"] = None if table.provenance is None else table.provenance.as_dict()
+    try:
+        file = lib.ImageFile(str(path), "w")
+        try:
+            _fill(lib, file, table, columns, details)
+        finally:
+            file.close()
+    except lib.E57Exception as error:
+        # What the library says of a full disk has many lines.
+        raise OSError(errno.EIO, "not all of it could be written") from error
+
+
+def _fill(
+    lib: Any,
+    file: Any,
+    table: PointTable,
+    columns: dict[str, NDArray[Any]],
+    details: dict[str, Any],
+) -> None:
+    """Put one scan into a file that is open."""
     # Equal results are equal files: the identity of a file is that of its content.
     identity = uuid.uuid5(uuid.NAMESPACE_URL, json.dumps(details) + _digest(columns))
-    file = lib.ImageFile(str(path), "w")
-    try:
-        root = file.root()
-        file.extensionsAdd("", lib.E57_V1_0_URI)
-        for name, address in EXTENSIONS.items():
-            file.extensionsAdd(name, address)
-        root.set("formatName", lib.StringNode(file, "ASTM E57 3D Imaging Data File"))
-        root.set("guid", lib.StringNode(file, f"{{{identity}}}"))
-        root.set("versionMajor", lib.IntegerNode(file, lib.E57_FORMAT_MAJOR))
-        root.set("versionMinor", lib.IntegerNode(file, lib.E57_FORMAT_MINOR))
-        root.set("e57LibraryVersion", lib.StringNode(file, lib.E57_LIBRARY_ID))
-        root.set("coordinateMetadata", lib.StringNode(file, ""))
-        scans = lib.VectorNode(file, True)
-        root.set("data3D", scans)
-        root.set("images2D", lib.VectorNode(file, True))
-        scan = lib.StructureNode(file)
-        scans.append(scan)
-        scan.set("guid", lib.StringNode(file, f"{{{uuid.uuid5(identity, 'scan')}}}"))
-        scan.set("name", lib.StringNode(file, table.coordinates))
-        scan.set("fw:details", lib.StringNode(file, json.dumps(details)))
-        _set_limits(lib, file, scan, columns)
-        _write_points(lib, file, scan, columns)
-    finally:
-        file.close()
+    root = file.root()
+    file.extensionsAdd("", lib.E57_V1_0_URI)
+    for name, address in EXTENSIONS.items():
+        file.extensionsAdd(name, address)
+    root.set("formatName", lib.StringNode(file, "ASTM E57 3D Imaging Data File"))
+    root.set("guid", lib.StringNode(file, f"{{{identity}}}"))
+    root.set("versionMajor", lib.IntegerNode(file, lib.E57_FORMAT_MAJOR))
+    root.set("versionMinor", lib.IntegerNode(file, lib.E57_FORMAT_MINOR))
+    root.set("e57LibraryVersion", lib.StringNode(file, lib.E57_LIBRARY_ID))
+    root.set("coordinateMetadata", lib.StringNode(file, ""))
+    scans = lib.VectorNode(file, True)
+    root.set("data3D", scans)
+    root.set("images2D", lib.VectorNode(file, True))
+    scan = lib.StructureNode(file)
+    scans.append(scan)
+    scan.set("guid", lib.StringNode(file, f"{{{uuid.uuid5(identity, 'scan')}}}"))
+    scan.set("name", lib.StringNode(file, table.coordinates))
+    scan.set("fw:details", lib.StringNode(file, json.dumps(details)))
+    _set_limits(lib, file, scan, columns)
+    _write_points(lib, file, scan, columns)
 
 
 def _digest(columns: dict[str, NDArray[Any]]) -> str:

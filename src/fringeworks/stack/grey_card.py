@@ -49,13 +49,13 @@ def white_balance(
         got = "grey frames" if seen is None else f"shape {np.shape(seen)}"
         raise InputError(f"white balance: expected colour (h, w, 3), got {got}")
     height, width = np.shape(seen)[:2]
-    left, top, right, bottom = box or (0, 0, width, height)
-    inside = all(whole(v, 0, max(height, width)) for v in (left, top, right, bottom))
-    if not inside or not (left < right <= width and top < bottom <= height):
-        raise InputError(
-            f"white balance: expected a box within {width} × {height} px, got "
-            f"{(left, top, right, bottom)}"
-        )
+    edges = (0, 0, width, height) if box is None else box
+    numbers = isinstance(edges, Sequence) and len(edges) == 4
+    if not numbers or not all(whole(v, 0, max(height, width)) for v in edges):
+        raise InputError(f"white balance: expected a box of four pixels, got {edges!r:.80}")
+    left, top, right, bottom = edges
+    if not (left < right <= width and top < bottom <= height):
+        raise InputError(f"white balance: expected a box within {width} × {height} px, got {edges}")
     part = (slice(top, bottom), slice(left, right))
     if isinstance(capture, Stack) and capture.saturation is not None:
         bright = max(float(np.max(frame[part])) for frame in capture.frames)

@@ -312,9 +312,9 @@ def _measured(
     angle = np.arctan2(y - y.mean(), x - x.mean())[flat]
     fit = _fit_of_background(design[flat], blocks.u[flat], (angle, _depth(known.shape)[flat]), rim)
     # What the background's own σ covers is no movement: that σ holds errors which neighbours share.
-    # Those that go on along the rim are in the covariance.
-    typical = float(np.median(blocks.sigma[flat]))
-    clear = bool(float(np.sqrt(np.mean((design[flat] @ fit[0]) ** 2))) > typical)
+    clear = float(np.sqrt(np.mean((design[flat] @ fit[0]) ** 2))) > (
+        CLEAR_SIGMAS * float(np.median(blocks.sigma[flat]))
+    )
     told = replace(_told(prepared, motion, fit, clear), has_object=has_object)
     if not has_object:  # what is displaced fills the frame, and has no skirt
         told = replace(told, significant=clear)

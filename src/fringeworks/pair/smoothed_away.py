@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,9 +34,6 @@ MARGIN_WIDTHS = 3.0
 """Width of the border by which the displacement is continued, widths of the widest kernel."""
 LEVEL_STEP = 4
 """Every so many rows and columns determine the level that displacements are taken from."""
-TERMS = 3
-"""Terms of the series for what windows leave. On simulated bodies of low contrast, errors beyond
-five σ fall from 0.22 to 0.10 % with the third; more terms are mostly noise."""
 FREQUENCIES = 96
 """Frequencies along each axis at which the spectrum of the noise is summed."""
 LARGEST_FREQUENCY = 3.0
@@ -118,72 +114,6 @@ def smoothed_away(
     lost *= MEAN_TO_SIGMA
     lost *= lost
     return SmoothedAway(lost, rough, shares)
-
-
-def left_by_windows(
-    displacement_px: FloatMap,
-    known: BoolMap,
-    period_px: float,
-    start_px: float,
-    widths_px: Sequence[float],
-) -> Iterator[tuple[FloatMap, float]]:
-    """Predict what windows leave of the error that a smoothed start has on a curved surface.
-
-    Parameters
-    ----------
-    displacement_px : (h, w) float array
-        px.
-    known : (h, w) bool array
-    period_px : float > 0
-    start_px : float > 0
-        Width σ of the Gaussian that the start is smoothed by, px.
-    widths_px : sequence of float
-        Widths σ of the windows, from coarse to fine, px.
-
-    Yields
-    ------
-    For every width, the variance of what is left, noise included, (h, w), px², and the share of the
-    noise's variance that this contains.
-
-    Notes
-    -----
-    A start K∗t of a surface t lacks (1 − K)t. The steps of windows S of Gaussian shape remove what
-    of the error is constant over them, and leave R t with R = (1 − S)(1 − K). The result is
-    u = (1 − R)t, so that R t = (R + R² + R³ + …)u, of which ``TERMS`` are taken.
-    """
-    level = _level(displacement_px, known)
-    once = _without(_single(displacement_px, known, level), known, start_px)
-    spread = SPREAD_PERIODS * period_px
-    for width in widths_px:
-        term = _without(once, known, width)
-        left = term.copy()
-        for _ in range(TERMS - 1):
-            term = _without(_without(term, known, start_px), known, width)
-            left += term
-        np.abs(left, out=left)
-        lost = smooth_known(left, known, (spread, spread))
-        lost *= MEAN_TO_SIGMA
-        lost *= lost
-        yield lost, _noise_left(start_px, width)
-
-
-def _without(values: FloatMap, known: BoolMap, width_px: float) -> FloatMap:
-    rest = smooth_known(values, known, (width_px, width_px))
-    np.subtract(values, rest, out=rest)
-    rest[~known] = 0.0
-    return rest
-
-
-def _noise_left(start_px: float, width_px: float) -> float:
-    """Share of the noise's variance that ``left_by_windows`` contains; the narrower one of both
-    Gaussians correlates the noise."""
-    length = min(start_px, width_px)
-    q = np.linspace(0.0, LARGEST_FREQUENCY / length, FREQUENCIES)
-    passed = [np.exp(-0.5 * (k * q) ** 2) for k in (length, start_px, width_px)]
-    left = (1.0 - passed[1]) * (1.0 - passed[2])
-    total = sum(left**n for n in range(1, TERMS + 1))
-    noise = q * passed[0] ** 2
-    return float(np.sum(noise * total**2) / np.sum(noise))
 
 
 def _roughness(rough: FloatMap, known: BoolMap, rough_px: float, period_px: float) -> FloatMap:

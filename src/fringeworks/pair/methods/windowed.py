@@ -16,7 +16,6 @@ from fringeworks.pair.methods.fourier import fourier
 from fringeworks.pair.orders import continues, guided_count
 from fringeworks.pair.prepared import QUANTISATION_VARIANCE, PreparedPair, fill_nearest
 from fringeworks.pair.registry import Solution, method
-from fringeworks.pair.smoothed_away import left_by_windows
 from fringeworks.pair.still_edges import mixed_paint, still_edges
 from fringeworks.pair.windows import (
     CONFIDENCE,
@@ -83,9 +82,7 @@ An object's shape is drawn with its fringes: wider windows than these flatten it
 choice.
 """
 START_PERIODS = 1.0
-"""Largest width of the smoothing of the start, periods; it then follows what the fringes show. With
-half a period, errors on creases of low contrast are a sixth smaller, but the tip of a photographed
-cone comes out 0.9 px too low instead of 0.1 px."""
+"""Largest width of the smoothing of the start, periods; it then follows what the fringes show."""
 MAX_SCALE_SHARE = 1.0 / 8.0
 """Widest default window, as a share of the frame's width.
 
@@ -296,15 +293,13 @@ def windowed(
         np.hypot(_start_width(pair, widths), band_kernel(pair.frequency, HALF_WIDTH, 2)[1])
     )
 
-    of_start = by_bands(
-        lambda ratio: _start_variance(windows, ratio, start_px), ratio, dtype=np.float32
-    )
-    sigma = _with_start(
-        displacement, found.sigma_px, scale, of_start, (start_px, widths, pair.period)
-    )
+    def with_start(sigma: FloatMap, scale: ByteMap, ratio: FloatMap) -> FloatMap:
+        of_start = np.where(scale == 0, _start_variance(windows, ratio, start_px), 0)
+        return np.sqrt(sigma**2 + of_start)
+
     return Solution(
         displacement_px=sealed(displacement),
-        sigma_px=sealed(sigma),
+        sigma_px=sealed(by_bands(with_start, found.sigma_px, scale, ratio, dtype=np.float32)),
         modulation_ratio=sealed(ratio),
         reason=_reasons(pair, displacement),
         noise_length_px=(start_px, start_px),
@@ -450,37 +445,6 @@ def _start_variance(windows: Windows, modulation_ratio: FloatMap, start_px: floa
     noise = windows.reference_noise + windows.object_noise / ratio**2
     to_px = windows.period_px / (2.0 * np.pi)
     return np.asarray(noise * np.float32(to_px**2 / (2.0 * np.pi * start_px**2)))
-
-
-def _with_start(
-    displacement_px: FloatMap,
-    sigma_px: FloatMap,
-    scale: ByteMap,
-    start_variance: FloatMap,
-    settings: tuple[float, list[float], float],
-) -> FloatMap:
-    """σ of windows with what the start adds: its noise, and what it has smoothed away of the
-    surface, as far as the windows leave it.
-
-    ``settings`` are the width of the start's kernel, those of the windows, and the period, px. A
-    step turns white noise n into ((1 − S)K + S)n, with K = exp(−L²q²/2) of the start and
-    S = exp(−s²q²/2) of the window. S² is the noise of the windows; the start adds
-    (1 − S)²K² + 2(1 − S)KS, which is integrated over all frequencies.
-    """
-    start_px, widths, period_px = settings
-    known = np.isfinite(displacement_px) & np.isfinite(sigma_px)
-    lost = left_by_windows(displacement_px, known, period_px, start_px, widths)
-    added: FloatMap = np.zeros(sigma_px.shape, np.float32)
-    a = start_px**2
-    for k, (removed, share) in enumerate(lost):
-        kept = known & (scale == k)
-        s = widths[k] ** 2
-        alone = 1.0 - 4.0 * a / (2.0 * a + s) + a / (a + s)
-        beside = alone + 4.0 * a * (1.0 / (a + s) - 1.0 / (a + 2.0 * s))
-        noise = start_variance[kept]
-        surface = removed[kept] - share * (beside + a / s) * noise
-        added[kept] = beside * noise + np.maximum(surface, 0.0)
-    return np.asarray(np.sqrt(sigma_px**2 + added))
 
 
 def _reasons(prepared: PreparedPair, displacement_px: FloatMap) -> ByteMap:

@@ -11,11 +11,13 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.cli.commands import run
+from fringeworks.report.kinds.surface import height_figures, height_sheet, height_words
 from fringeworks.report.page.tolerances import judge, parse_tolerance
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
+from fringeworks.types import Finding
 from tests.grids import quick
 from tests.virtual_devices import Screen, bench
 
@@ -283,3 +285,24 @@ def test_set_ups_calibrations_and_phases_have_chapters(tmp_path):
     assert "virtual:plane, " not in page
     assert ">virtual:plane<" in page
     assert page.count("<img ") >= 3
+
+
+def test_whole_periods_that_nothing_tells_do_not_hide_the_sigma_of_pixels():
+    """A part of σ that all pixels share is said by itself."""
+    sigma = np.hypot(np.full((6, 8), 0.05), 95.0)
+    found = fw.HeightMap(
+        np.zeros((6, 8)),
+        sigma,
+        np.zeros((6, 8), np.uint8),
+        quantity="displacement",
+        unit="px",
+        pitch=None,
+        findings=(Finding("no background", "said", figures={"zero_sigma_px": 95.0}),),
+    )
+    figures = height_figures(found)
+    assert figures["median_sigma"] == pytest.approx(95.0)
+    words = [str(word) for word in height_words(None, figures | {"findings": []})]
+    assert any("median σ 0.05 px, beside 95 px that all pixels share" in word for word in words)
+    panel = height_sheet(found, None).panels[1]
+    np.testing.assert_allclose(panel.values, 0.05, rtol=1e-6)
+    assert "95 px in common" in panel.title

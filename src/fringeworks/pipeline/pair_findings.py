@@ -265,5 +265,5 @@ def _moved_frame(rim: Rim) -> Finding:
         causes=("a plane at another height fills the frame", *causes),
         advice="leave background free around the object, or mark it (background); whole periods of "
         "this displacement are unknown",
-        figures=figures,
+        figures=figures | {"zero_sigma_px": rim.zero_sigma_px},
     )

@@ -52,7 +52,23 @@ def height_figures(surface: HeightMap) -> dict[str, Any]:
         "maximum": float(values.max()) if values.size else None,
         "median": float(np.median(values)) if values.size else None,
         "median_sigma": float(np.median(sigma)) if sigma.size else None,
+        "shared_sigma": shared_sigma(surface),
     }
+
+
+def shared_sigma(surface: HeightMap) -> float | None:
+    """The part of σ that all pixels share where nothing tells the whole periods, px; None without
+    one."""
+    parts = [f.figures["zero_sigma_px"] for f in surface.findings if "zero_sigma_px" in f.figures]
+    return float(max(parts)) if parts and surface.unit == "px" else None
+
+
+def _sigma_of_pixels(surface: HeightMap) -> FloatMap:
+    """σ without the part that all pixels share, which would hide what differs."""
+    shared = shared_sigma(surface)
+    if shared is None:
+        return surface.sigma
+    return np.sqrt(np.maximum(np.asarray(surface.sigma, np.float64) ** 2 - shared**2, 0.0))
 
 
 def _height_figures(surface: HeightMap) -> dict[str, Any]:
@@ -70,9 +86,14 @@ def height_words(_: object, figures: dict[str, Any]) -> Iterator[Word]:
     if figures["median"] is None:
         yield f"{figures['quantity']}: no pixel could be measured"
     else:
+        shared, own = figures.get("shared_sigma"), figures["median_sigma"]
+        beside = ""
+        if shared is not None:
+            own = max(own**2 - shared**2, 0.0) ** 0.5
+            beside = f", beside {shared:.2g} {unit} that all pixels share"
         yield (
             f"{figures['quantity']}: {figures['minimum']:.4g} … {figures['maximum']:.4g} {unit}, "
-            f"median σ {figures['median_sigma']:.2g} {unit}"
+            f"median σ {own:.2g} {unit}{beside}"
         )
     yield f"failed: {figures['failed_fraction']:.2%} ({failures(figures['reasons'])})"
     if "errors" in figures:
@@ -89,12 +110,14 @@ def height_sheet(surface: HeightMap, name: str | None, *more: Panel) -> Sheet:
     title = "Height above the reference plane" if heights else "Displacement of the fringes"
     method = f"method {surface.method}" if surface.method else ""
     pitch = f"{surface.pitch:.3g} mm/px" if heights and surface.pitch is not None else ""
+    shared, sigma = shared_sigma(surface), _sigma_of_pixels(surface)
+    beside = "" if shared is None else f", beside {shared:.2g} px in common"
     return Sheet(
         titled(name, title),
-        map_facts(1.0 - surface.failed_fraction, surface.sigma, surface.unit, pitch, method),
+        map_facts(1.0 - surface.failed_fraction, sigma, surface.unit, pitch, method),
         [
             Panel(surface.quantity, surface.values, "values", surface.unit),
-            Panel(SIGMA, surface.sigma, "sigma", surface.unit),
+            Panel(SIGMA + beside, sigma, "sigma", surface.unit),
             Panel(REASONS, surface.reason, "reasons"),
             *more,
         ],

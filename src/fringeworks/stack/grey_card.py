@@ -50,12 +50,13 @@ def white_balance(
         raise InputError(f"white balance: expected colour (h, w, 3), got {got}")
     height, width = np.shape(seen)[:2]
     edges = (0, 0, width, height) if box is None else box
-    numbers = isinstance(edges, Sequence) and len(edges) == 4
-    if not numbers or not all(whole(v, 0, max(height, width)) for v in edges):
-        raise InputError(f"white balance: expected a box of four pixels, got {edges!r:.80}")
-    left, top, right, bottom = edges
+    whole_px = isinstance(edges, Sequence) and len(edges) == 4
+    whole_px = whole_px and all(whole(v, 0, max(height, width)) for v in edges)
+    left, top, right, bottom = edges if whole_px else (0, 0, 0, 0)
     if not (left < right <= width and top < bottom <= height):
-        raise InputError(f"white balance: expected a box within {width} × {height} px, got {edges}")
+        raise InputError(
+            f"white balance: expected a box within {width} × {height} px, got {edges!r:.80}"
+        )
     part = (slice(top, bottom), slice(left, right))
     if isinstance(capture, Stack) and capture.saturation is not None:
         bright = max(float(np.max(frame[part])) for frame in capture.frames)

@@ -11,7 +11,7 @@ from typing import Annotated, TypeVar
 import typer
 
 import fringeworks as fw
-from fringeworks.cli.output import want_json
+from fringeworks.cli.output import is_there, want_json
 
 Folder = Annotated[Path, typer.Option("--out", help="Folder to write.", show_default=False)]
 Force = Annotated[
@@ -183,7 +183,7 @@ def gains_of(text: str | None) -> tuple[float, float, float] | None:
     """Gains of red, green and blue from ``1.9,1,1.4``, or from a capture of a grey card."""
     if text is None:
         return None
-    if Path(text).exists():
+    if is_there(text):
         return fw.stack.white_balance(fw.files.read_stack(text))
     try:
         red, green, blue = (float(part) for part in text.split(","))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import fringeworks as fw
 from fringeworks.cli import output
@@ -13,10 +13,7 @@ if TYPE_CHECKING:
     import typer
 
     from fringeworks.cli.options import Figure, JsonFile
-
-
-PlyKind = Literal["points", "normals", "mesh"]
-"""Content of a .ply file, as ``fringeworks.files.write_points`` takes it."""
+    from fringeworks.files.point_table import Kind
 
 
 @dataclass(frozen=True)
@@ -79,7 +76,7 @@ class ShowOptions:
         points = found if isinstance(found, PointCloud) else found.points
         if out is not None:
             with output.target(out, ".ply") as place:
-                write_points(place, points, kind=cast("PlyKind", str(ply)))
+                write_points(place, points, kind=cast("Kind", str(ply)))
         if output.is_quiet() and not self.draws and self.json_file is None:
             return  # nobody sees the figures
         from fringeworks.report.summary import summarise

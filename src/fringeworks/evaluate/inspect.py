@@ -160,7 +160,7 @@ def judge_part(surface: HeightMap | PointCloud, recipe: Recipe) -> tuple[Check, 
     def checked(one: PartTolerance) -> Check:
         return _checked(one, of_model if one.quantity in FROM_MODEL else of_area, recipe.risk)
 
-    # Two quantities at a time: arrays are summed without the interpreter's lock.
+    # Side by side: arrays are summed without the interpreter's lock.
     with ThreadPoolExecutor(min(QUANTITIES_AT_ONCE, os.cpu_count() or 1)) as pool:
         return tuple(pool.map(checked, recipe.tolerances))
 

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fringeworks.files.csv_table import REASONS
 from fringeworks.files.findings import findings_as_json
+from fringeworks.files.point_table import COLOURS
 from fringeworks.files.provenance import KEY, json_line
 from fringeworks.files.white import white_of
 from fringeworks.surface.cloud import normals
@@ -29,8 +31,6 @@ PIXELS = ("row", "column")
 """Axes of a map."""
 Variable = tuple[tuple[str, ...], Any, dict[str, Any]]
 """Axes, values and attributes."""
-CHANNELS = ["red", "green", "blue"]
-"""Names of the channels of a colour."""
 
 
 def dataset(result: object) -> xarray.Dataset:
@@ -70,9 +70,11 @@ def _map(values: Any, units: str, long_name: str, *more: str) -> Variable:
 
 
 def _reason(values: Any, of: str = "value") -> Variable:
-    names = " ".join(reason.name.lower() for reason in Reason)
     about = {"long_name": f"why a pixel has no {of}; ok where it has one"}
-    flags = {"flag_values": np.arange(len(Reason), dtype=np.uint8), "flag_meanings": names}
+    flags = {
+        "flag_values": np.arange(len(Reason), dtype=np.uint8),
+        "flag_meanings": " ".join(REASONS),
+    }
     return PIXELS, values, about | flags
 
 
@@ -129,7 +131,7 @@ def _cloud(
         axes = (*PIXELS, "channel") if coloured else PIXELS
         variables["colour"] = (axes, cloud.colour, about)
         if coloured:
-            coordinates["channel"] = (("channel",), CHANNELS, {})
+            coordinates["channel"] = (("channel",), list(COLOURS), {})
     return variables, coordinates, {}
 
 

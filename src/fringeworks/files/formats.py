@@ -214,10 +214,11 @@ def _() -> Functions:
     tables=["heights"],
 )
 def _() -> Functions:
-    from fringeworks.files.surfaces import PlyKind, read_surface, write_surface
+    from fringeworks.files.point_table import Kind
+    from fringeworks.files.surfaces import read_surface, write_surface
     from fringeworks.types import HeightMap
 
-    def write(path: StrPath, surface: HeightMap, *, kind: PlyKind = "points") -> None:
+    def write(path: StrPath, surface: HeightMap, *, kind: Kind = "points") -> None:
         write_surface(path, surface, ply=kind)
 
     return Functions(read_surface, write)

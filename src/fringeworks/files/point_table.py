@@ -26,7 +26,7 @@ LENGTHS = ("x", "y", "z", "sigma", "noise", "blur")
 PIXEL = ("row", "column", "reason")
 """Fields of a pixel of the frame."""
 BAND_ROWS = 16
-"""Rows of a cloud whose points are put together for a file at a time."""
+"""Rows of a frame whose pixels are put together for a file at a time."""
 CAMERA = "camera coordinates, x right, y down, z forward"
 """Coordinates of a cloud."""
 PART = "coordinates of the part"

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fringeworks.files.csv_table import CSV, REASONS, CsvTable, read_csv, write_csv
 from fringeworks.files.findings import finding_from_dict, findings_as_dicts
 from fringeworks.files.limits import check_frame_size, existing_file, parsing, told
+from fringeworks.files.point_table import BAND_ROWS
 from fringeworks.files.provenance import KEY, from_json
 from fringeworks.surface.height_map import height_map_points
 from fringeworks.types import (
@@ -28,15 +29,8 @@ from fringeworks.types import (
 
 HEIGHTS, COORDINATES = "heights", "coordinates"
 """Kinds of tables."""
-BAND_ROWS = 16
-"""Rows of a frame that are written at a time."""
-MAPS = {
-    "coordinate_px": "coordinate_px",
-    "sigma_px": "sigma_px",
-    "modulation": "modulation",
-    "background": "background",
-}
-"""Fields of a coordinate map by the names of columns, which begin with the axis."""
+MAPS = ("coordinate_px", "sigma_px", "modulation", "background")
+"""Fields of a coordinate map; the names of columns begin with the axis."""
 
 
 def write_heights_csv(path: Path, surface: HeightMap) -> None:
@@ -109,7 +103,7 @@ def write_coordinates_csv(path: Path, decoded: Decoded) -> None:
     columns: dict[str, NDArray[Any]] = {}
     details: dict[str, Any] = {"noise": [decoded.noise.read_counts, decoded.noise.gain]}
     for axis, found in decoded.maps.items():
-        columns |= {f"{axis}_{name}": getattr(found, field) for name, field in MAPS.items()}
+        columns |= {f"{axis}_{name}": getattr(found, name) for name in MAPS}
         columns[f"{axis}_reason"] = REASONS[found.reason]
         details["shape"] = found.coordinate_px.shape
         details[axis] = {"periods_px": found.periods_px, "repeats_px": found.repeats_px}
@@ -140,10 +134,7 @@ def _coordinate_map(
     table: CsvTable, axis: Axis, place: NDArray[np.int64], shape: tuple[int, int]
 ) -> CoordinateMap:
     values = table.numbers([_column(table, f"{axis}_{name}") for name in MAPS])
-    maps = {
-        field: _laid(column, place, shape)
-        for field, column in zip(MAPS.values(), values.T, strict=True)
-    }
+    maps = {name: _laid(column, place, shape) for name, column in zip(MAPS, values.T, strict=True)}
     of_axis = table.details[axis]
     repeats = of_axis["repeats_px"]
     return CoordinateMap(

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -24,12 +24,12 @@ from fringeworks.files.limits import (
 )
 from fringeworks.files.npz import TEXT, read_npz
 from fringeworks.files.ply import write_ply
+from fringeworks.files.point_table import Kind
 from fringeworks.files.provenance import KEY, comment_lines, from_json, json_line
 from fringeworks.files.x3p import read_x3p, write_x3p
 from fringeworks.surface.height_map import height_map_points, height_map_triangles, known_pitch
 from fringeworks.types import NUMBERS, FileProblem, HeightMap, InputError, Provenance, Reason
 
-PlyKind = Literal["points", "normals", "mesh", "frame"]
 GSF_MAGIC = "Gwyddion Simple Field 1.0"
 """First line of a GSF file."""
 LAYOUT = {
@@ -46,7 +46,7 @@ LAYOUT = {
 """Layout of a height map."""
 
 
-def write_surface(path: StrPath, surface: HeightMap, *, ply: PlyKind = "points") -> None:
+def write_surface(path: StrPath, surface: HeightMap, *, ply: Kind = "points") -> None:
     """Write a height map in the format of the file's suffix, whole or not at all.
 
     Parameters
@@ -97,7 +97,7 @@ def read_surface(path: StrPath) -> HeightMap:
     return reader(path)
 
 
-def _write_tiff(path: Path, surface: HeightMap, _: PlyKind) -> None:
+def _write_tiff(path: Path, surface: HeightMap, _: Kind) -> None:
     description: dict[str, Any] = {
         "quantity": surface.quantity,
         "unit": surface.unit,
@@ -144,7 +144,7 @@ def holds_heights(file: Any) -> bool:
     return isinstance(content, dict) and {"quantity", "unit", "pitch"} <= content.keys()
 
 
-def _write_npz(path: Path, surface: HeightMap, _: PlyKind) -> None:
+def _write_npz(path: Path, surface: HeightMap, _: Kind) -> None:
     arrays = {field.name: getattr(surface, field.name) for field in dataclasses.fields(HeightMap)}
     arrays["pitch"] = math.nan if surface.pitch is None else float(surface.pitch)
     for name in ("pupil", "converged"):
@@ -204,7 +204,7 @@ def _pupil(given: Any) -> tuple[float, float, float] | None:
     return x, y, distance
 
 
-def _write_ply(path: Path, surface: HeightMap, kind: PlyKind) -> None:
+def _write_ply(path: Path, surface: HeightMap, kind: Kind) -> None:
     xyz, sigma, index = height_map_points(surface)
     vertices = np.empty(len(xyz), dtype=[(name, "<f4") for name in ("x", "y", "z", "sigma")])
     vertices["x"], vertices["y"], vertices["z"] = xyz.T
@@ -215,7 +215,7 @@ def _write_ply(path: Path, surface: HeightMap, kind: PlyKind) -> None:
     write_ply(path, [vertices], len(vertices), triangles, comments)
 
 
-def _write_gsf(path: Path, surface: HeightMap, _: PlyKind) -> None:
+def _write_gsf(path: Path, surface: HeightMap, _: Kind) -> None:
     rows, columns = surface.shape
     in_mm = surface.unit == "mm"
     lateral = known_pitch(surface, "GSF") * (1e-3 if in_mm else 1.0)
@@ -287,7 +287,7 @@ def _without_sigma(
     )
 
 
-def _write_csv(path: Path, surface: HeightMap, _: PlyKind) -> None:
+def _write_csv(path: Path, surface: HeightMap, _: Kind) -> None:
     from fringeworks.files.result_csv import write_heights_csv
 
     write_heights_csv(path, surface)
@@ -299,11 +299,11 @@ def _read_csv(path: Path) -> HeightMap:
     return read_heights_csv(path)
 
 
-def _write_x3p(path: Path, surface: HeightMap, _: PlyKind) -> None:
+def _write_x3p(path: Path, surface: HeightMap, _: Kind) -> None:
     write_x3p(path, surface)
 
 
-WRITERS: dict[str, Callable[[Path, HeightMap, PlyKind], None]] = {
+WRITERS: dict[str, Callable[[Path, HeightMap, Kind], None]] = {
     ".tif": _write_tiff,
     ".tiff": _write_tiff,
     ".npz": _write_npz,

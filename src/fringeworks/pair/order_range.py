@@ -122,7 +122,7 @@ def orders_in_range(
     return corrected, OrderCheck(moved, lost, own & (fewest < most))
 
 
-def common_order(
+def moved_into_range(
     found: CoordinateMap, depth: DepthRange, period_px: float
 ) -> tuple[CoordinateMap, int, float | None]:
     """Move a surface whose whole periods are unknown into a range of depths.

@@ -14,7 +14,7 @@ from fringeworks.files.atomic import StrPath
 from fringeworks.files.rig import read_rig
 from fringeworks.pair.object_coordinates import at_reference, object_coordinates
 from fringeworks.pair.order_range import (
-    common_order,
+    moved_into_range,
     orders_in_range,
     projector_period,
     shadows_without_step,
@@ -245,7 +245,7 @@ def _ordered(
         if period is None:
             raise InputError("depth_mm: expected clear fringes in the reference, or period_px")
         if zero_px > 0.0:
-            found, order, spread = common_order(_only(decoded), depth, period)
+            found, order, spread = moved_into_range(_only(decoded), depth, period)
             decoded = _with_map(decoded, found)
             if spread is not None:
                 zero_px = spread * scene.found.displacement.period_px

@@ -336,6 +336,14 @@ def _noise_gain(variance: float, slope: FloatMap, light_noise: float) -> FloatMa
 
 
 @cache
+def _window(size: int) -> NDArray[Any]:
+    """Transfer of the parabolas' smoothing over a frequency plane."""
+    one = np.zeros((size, size))
+    one[0, 0] = 1.0
+    return np.asarray(np.fft.fft2(_parabola(one, "wrap")))
+
+
+@cache
 def _gains(variance: float, slope: float) -> tuple[float, float]:
     """Variance that comes of noise of variance 1 in the phase, and in the light: the means over a
     frequency plane of what the passes make of them."""
@@ -350,10 +358,7 @@ def _gains(variance: float, slope: float) -> tuple[float, float]:
     down, still = passed(angle)[:, None], float(passed(np.array(slope)))
     after, before = passed(angle + slope), passed(angle - slope)
     own, other = down * (after + before) / (2 * still), down * (after - before) / (2j * still)
-    one = np.zeros((size, size))
-    one[0, 0] = 1.0
-    window = np.fft.fft2(_parabola(one, "wrap"))
-    found = []
+    window, found = _window(size), []
     for phase, light in ((1.0, 0.0), (0.0, 1.0)):
         sharp, light_now = (np.full((size, size), v, complex) for v in (phase, light))
         for _ in range(PASSES):

@@ -10,8 +10,8 @@ from scipy import ndimage
 
 import fringeworks as fw
 from fringeworks import _core
-from fringeworks.pair.methods.windowed import start_field
 from fringeworks.pair.prepared import prepare
+from fringeworks.pair.window_start import start_field
 from fringeworks.pair.windows import Windows
 from tests.oracles import albedo as oracle
 
@@ -73,7 +73,7 @@ def test_the_kernel_refuses_what_does_not_fit():
 def test_windows_divide_by_a_known_albedo():
     scene = fw.simulate.standard_scene("parabola", **{**CAMERA, "size": 200, "fringes": 8}, seed=1)
     windows = Windows.of(prepare(scene)).above_dark()
-    start = start_field(prepare(scene), 12.0).astype(np.float32)
+    start = start_field(prepare(scene), 12.0).displacement_px
     plain = windows.fit(start, [16.0, 8.0, 4.0])
     half = windows.fit(start, [16.0, 8.0, 4.0], albedo=np.full(start.shape, 0.5, np.float32))
     same = plain.scale == half.scale

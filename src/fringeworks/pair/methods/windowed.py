@@ -10,16 +10,18 @@ import scipy
 from numpy.typing import NDArray
 
 from fringeworks.pair.albedo import albedo_error
-from fringeworks.pair.bandpass import HALF_WIDTH, band_kernel
 from fringeworks.pair.edges import Edges, FitSettings, across_edges
-from fringeworks.pair.methods.fourier import fourier
-from fringeworks.pair.orders import continues, guided_count
-from fringeworks.pair.prepared import QUANTISATION_VARIANCE, PreparedPair, fill_nearest
+from fringeworks.pair.prepared import PreparedPair, fill_nearest
 from fringeworks.pair.registry import Solution, method
 from fringeworks.pair.still_edges import mixed_paint, still_edges
+from fringeworks.pair.window_start import (
+    MIN_SHARE_COUNTED,
+    smoothed,
+    start_field,
+    variance_of_start,
+)
 from fringeworks.pair.windows import (
     CONFIDENCE,
-    MIN_RATIO,
     SCALE_LIMITS_PX,
     Fitted,
     Windows,
@@ -27,42 +29,9 @@ from fringeworks.pair.windows import (
     unexplained,
 )
 from fringeworks.signal.bands import by_bands, row_bands
-from fringeworks.signal.filters import enlarged, gaussian, reduced, smooth, smooth_known, widened
+from fringeworks.signal.filters import smooth, smooth_known, widened
 from fringeworks.types import BoolMap, ByteMap, FloatMap, InputError, Reason, sealed
 
-MIN_START_EXPLAINED = 0.15
-"""Smallest share of the local contrast that a counted start must explain in gaps of the band-pass.
-
-Counts of noise explain a few per cent of windows of a period. An empirical choice.
-"""
-MAX_BAND_SLOPE = 0.3
-"""Largest slope of the displacement along x up to which the band-pass alone is the start, px/px.
-
-A steeper surface stretches fringes out of the pass band. An empirical choice.
-"""
-COUNT_THRESHOLD = 0.03
-"""Mean difference between counting and band-pass from which counting is used, periods.
-
-At twice that value it replaces the band-pass in full. Below it the difference is mostly scatter of
-the counting. An empirical choice.
-"""
-COUNT_SMOOTHING = 0.25
-"""Width of the Gaussian that smooths a counted start, periods.
-
-It reduces the scatter of single pixels and keeps folds. An empirical choice.
-"""
-FOLD_THRESHOLD = 0.125
-"""Difference between a wide and a narrow smoothing of the start that is kept as a fold, periods.
-
-At twice that value the narrow one replaces the wide one in full. Below it the difference is ripple
-(theory §4, "Start"). An empirical choice.
-"""
-TRUNCATION = 3.0
-"""Distance at which the Gaussians of the start are cut off, σ."""
-BLOCKS_PER_WIDTH = 4
-"""Blocks per width of a Gaussian of which only comparisons are made."""
-MIN_SHARE_COUNTED = 1e-6
-"""Smallest sum of weights in the local mean of counted pixels; it keeps the quotient finite."""
 SCALES_PX = (32.0, 16.0, 8.0, 4.0, 2.0)
 """Default widths σ of the Gaussian windows, px (theory §4).
 
@@ -123,113 +92,6 @@ It is added to that of ``DARK_RATIO``. An empirical choice.
 """
 
 
-def _gaussian(values: FloatMap, width_px: float) -> FloatMap:
-    """Smooth a map with a Gaussian of σ = ``width_px``."""
-    return gaussian(values, width_px, int(TRUNCATION * width_px + 0.5))
-
-
-def _local_mean(values: FloatMap, width_px: float) -> FloatMap:
-    """About the same, fast for large widths: on blocks of a quarter of the width."""
-    h, w = values.shape
-    block = min(max(1, int(width_px / BLOCKS_PER_WIDTH)), h, w)
-    blocks = reduced(values, (h // block, w // block))
-    return enlarged(_gaussian(blocks, width_px / block), (h, w))
-
-
-def start_field(prepared: PreparedPair, width_px: float) -> FloatMap:
-    """Estimate the displacement that the windowed inversion starts from.
-
-    Parameters
-    ----------
-    prepared : PreparedPair
-    width_px : float > 0
-        Width σ of the smoothing, px.
-
-    Returns
-    -------
-    (h, w) float array
-        px; finite everywhere.
-
-    Notes
-    -----
-    Theory §4, "Start". The band-pass alone is used where it has no gaps and no steep slopes.
-    Otherwise it may have rounded off or lost what fringe counting still measures. Counting then
-    replaces it where the two differ on average over a period.
-    """
-    period, half_period = prepared.period, 0.5 * prepared.period
-    band = fourier(prepared).displacement_px
-    known = np.isfinite(band)
-    if not known.any():
-        return np.zeros(band.shape)
-    band = fill_nearest(band, known)
-    if known.all() and np.abs(np.diff(band, axis=1)).max() <= MAX_BAND_SLOPE:
-        return _gaussian(band, width_px)
-    counted = guided_count(prepared, lambda: np.where(known, band, np.nan)).displacement_px
-    start = _with_counts(band, known, counted, period)
-    # Counting can slip. Near the band-pass it is kept where it explains the object better.
-    fine = min(width_px, COUNT_SMOOTHING * period)
-    better = _explained(prepared, _gaussian(start, fine)) > _explained(prepared, band)
-    if not known.all():
-        # Slipped counts fit the noise of single pixels, but not when they are smoothed.
-        coarse = _gaussian(start, half_period)
-        better &= known | (_explained(prepared, coarse, 1.0) > MIN_START_EXPLAINED)
-    start = np.where(better, start, band)
-    # The first window cannot correct what varies faster than itself, so only folds that exceed the
-    # start's own ripple are kept sharp.
-    wide = _gaussian(start, width_px)
-    sharp = _gaussian(start, fine)
-    return wide + _ramp(sharp - wide, FOLD_THRESHOLD * period) * (sharp - wide)
-
-
-def _with_counts(band: FloatMap, known: BoolMap, counted: FloatMap, period_px: float) -> FloatMap:
-    """Band-pass, moved to the counted displacement where the two differ over half a period.
-
-    Whole periods fit everywhere, so in gaps of the band-pass counting must continue its rim.
-    """
-    half_period = 0.5 * period_px
-    with np.errstate(invalid="ignore"):
-        usable = np.abs(counted - band) < half_period
-    usable &= np.isfinite(counted)
-    usable |= continues(counted, np.where(known, band, np.nan), period_px)
-    difference = np.where(usable, counted - band, 0.0)
-    share = _gaussian(usable.astype(float), half_period)
-    mean = _gaussian(difference, half_period) / np.maximum(share, MIN_SHARE_COUNTED)
-    trust = _ramp(mean, COUNT_THRESHOLD * period_px)
-    trust[~known] = 1.0
-    return band + trust * np.where(usable, difference, mean)
-
-
-def _explained(
-    prepared: PreparedPair, displacement_px: FloatMap, window_periods: float = 0.5
-) -> FloatMap:
-    """Share of the object's local contrast that the reference, moved by a displacement, explains.
-
-    The object is compared with offset and modulation ratio times the moved reference over a
-    Gaussian window of ``window_periods``; 0…1. A negative ratio explains nothing.
-    """
-    d, s = (np.empty(displacement_px.shape, np.float32) for _ in range(2))
-    for band in row_bands(d.shape, bytes_per_px=48):
-        u = displacement_px[band.rows]
-        rows, columns = (np.asarray(at) for at in np.indices(u.shape, dtype=np.float64))
-        columns = columns - u
-        counts = prepared.reference[band.rows].astype(np.float64)
-        moved = scipy.ndimage.map_coordinates(counts, (rows, columns), order=1, mode="nearest")
-        s[band.rows] = moved - prepared.mean_brightness
-        d[band.rows] = prepared.object[band.rows] - prepared.mean_brightness
-    width = window_periods * prepared.period
-    mean_d, mean_s = _local_mean(d, width), _local_mean(s, width)
-    covariance = np.maximum(_local_mean(d * s, width) - mean_d * mean_s, 0.0)
-    variance_s = np.maximum(_local_mean(s * s, width) - mean_s**2, QUANTISATION_VARIANCE)
-    variance_d = np.maximum(_local_mean(d * d, width) - mean_d**2, QUANTISATION_VARIANCE)
-    share: FloatMap = covariance**2 / (variance_s * variance_d)
-    return share
-
-
-def _ramp(values: FloatMap, threshold: float) -> FloatMap:
-    """Weight that rises from 0 at |value| = threshold to 1 at twice the threshold."""
-    return np.clip(np.abs(values) / threshold - 1.0, 0.0, 1.0)
-
-
 @method("windowed")
 def windowed(
     pair: PreparedPair,
@@ -280,39 +142,33 @@ def windowed(
     """
     widths = _check_options(pair, scales, iterations, confidence)
     windows = Windows.of(pair)
-    start = start_field(pair, _start_width(pair, widths)).astype(np.float32)
+    start = start_field(pair, _start_width(pair, widths))
     settings: FitSettings = {"iterations": iterations, "confidence": confidence}
-    found, edges = _fitted(pair, windows, start, widths, settings, paint)
-    displacement, scale = found.displacement_px, found.scale
-    albedo = None if edges is None else edges.albedo
-    ratio = found.modulation_ratio
+    found, edges = _fitted(pair, windows, start.displacement_px, widths, settings, paint)
+    albedo, walls = (None, None) if edges is None else (edges.albedo, edges.walls)
     if windows.albedo is not None:
-        albedo, ratio = windows.albedo, windows.albedo * ratio
+        albedo = windows.albedo
+        found = found._replace(modulation_ratio=albedo * found.modulation_ratio)
+    displacement, scale = found.displacement_px, found.scale
     displacement[_far_from_data(pair)] = np.nan
-    start_px = float(
-        np.hypot(_start_width(pair, widths), band_kernel(pair.frequency, HALF_WIDTH, 2)[1])
-    )
-
-    def with_start(sigma: FloatMap, scale: ByteMap, ratio: FloatMap) -> FloatMap:
-        of_start = np.where(scale == 0, _start_variance(windows, ratio, start_px), 0)
-        return np.sqrt(sigma**2 + of_start)
-
+    of_start = variance_of_start(start, windows, found, walls, widths)
+    sigma = np.sqrt(found.sigma_px**2 + of_start, dtype=np.float32)
     return Solution(
         displacement_px=sealed(displacement),
-        sigma_px=sealed(by_bands(with_start, found.sigma_px, scale, ratio, dtype=np.float32)),
-        modulation_ratio=sealed(ratio),
+        sigma_px=sealed(sigma),
+        modulation_ratio=sealed(found.modulation_ratio),
         reason=_reasons(pair, displacement),
-        noise_length_px=(start_px, start_px),
+        noise_length_px=(start.wide_px, start.wide_px),
         iterations=_steps(displacement, scale, len(widths), iterations),
         albedo=albedo,
-        walls=None if edges is None or edges.walls is None else edges.walls.astype(np.uint8),
+        walls=None if walls is None else walls.astype(np.uint8),
         details={
             "scales_px": widths,
             "scale_share": [float(np.mean(scale == k)) for k in range(len(widths))],
             "noise_correlation": found.noise_correlation,
             "noise_counts": float(np.sqrt(windows.object_noise) * pair.modulation),
             "painted": albedo is not None,
-            "cliffs": edges is not None and edges.walls is not None,
+            "cliffs": walls is not None,
         },
     )
 
@@ -359,7 +215,7 @@ def _without_mixed(
     for _ in range(STILL_PASSES):
         u = there.displacement_px
         last = begin
-        begin = _gaussian(_continued(u, known & np.isfinite(u), begin, reach), reach)
+        begin = smoothed(_continued(u, known & np.isfinite(u), begin, reach), reach)
         determined = there.sigma_px[np.isfinite(u)]
         if not determined.size:
             return windows, found, start
@@ -433,18 +289,6 @@ def _default_scales(prepared: PreparedPair) -> list[float]:
 def _start_width(prepared: PreparedPair, widths: list[float]) -> float:
     """Width of the smoothing of the start, px."""
     return min(0.5 * widths[0], START_PERIODS * prepared.period)
-
-
-def _start_variance(windows: Windows, modulation_ratio: FloatMap, start_px: float) -> FloatMap:
-    """Variance of the start's noise, (h, w), px²: that of the phase of fringes that a Gaussian of
-    width σ = ``start_px`` has averaged.
-
-    One Gauss–Newton step of the widest window leaves it, as the start is the narrower kernel.
-    """
-    ratio = np.maximum(modulation_ratio, MIN_RATIO)
-    noise = windows.reference_noise + windows.object_noise / ratio**2
-    to_px = windows.period_px / (2.0 * np.pi)
-    return np.asarray(noise * np.float32(to_px**2 / (2.0 * np.pi * start_px**2)))
 
 
 def _reasons(prepared: PreparedPair, displacement_px: FloatMap) -> ByteMap:

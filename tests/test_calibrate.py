@@ -13,7 +13,7 @@ from fringeworks.patterns import GrayCode, PhaseSteps, Uniform
 from fringeworks.rig.calibration.bundle import adjust
 from fringeworks.rig.calibration.calibrate import calibrate, observe
 from fringeworks.rig.calibration.diagnosis import diagnose
-from fringeworks.rig.calibration.leave_out import leave_poses_out
+from fringeworks.rig.calibration.leave_out import leave_poses_out, with_smooth_board
 from fringeworks.rig.pinhole import pose, project, transform
 from fringeworks.simulate.boards import BoardErrors, real_points
 from fringeworks.simulate.optics import Optics
@@ -240,6 +240,31 @@ def test_errors_of_the_board_are_in_the_covariance(seeds):
     assert np.sqrt(np.mean(np.square(of_halves))) < 1.3
 
 
+@pytest.mark.parametrize("seeds", [3, pytest.param(12, marks=pytest.mark.long)])
+def test_smooth_errors_of_the_print_are_in_the_covariance(seeds):
+    """Waves as long as twice the board, as of paper that has stretched, but no stretch or shear."""
+    scores = []
+    for seed in range(seeds):
+        rng = np.random.default_rng([70, seed])
+        real = board().points_mm.copy()
+        x, y = (real[:, :2] / 42.0).T
+        waves = np.stack([np.sin(v + rng.uniform(0, 6)) for v in (x, y, x, y)], axis=-1)
+        terms = np.column_stack((waves, x * y))
+        terms -= (
+            np.column_stack((x, y, x**0))
+            @ np.linalg.lstsq(np.column_stack((x, y, x**0)), terms, rcond=None)[0]
+        )
+        real[:, :2] += terms @ rng.normal(0.0, 0.006, (5, 2))
+        places = board_poses(board(), 10, seed=seed)
+        seen = [sighting(rig(), board(), T, rng, real_mm=real) for T in places]
+        adjusted = adjust(seen, rig(), places)
+        adjusted = with_smooth_board(seen, adjusted, free=np.ones(24, bool))
+        assert adjusted.smooth
+        scores.append(scores_of(adjusted.rig, rig()))
+    assert np.abs(scores).max() < 4.0
+    assert np.sqrt(np.mean(np.square(scores))) < 1.3
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("seeds", [2, pytest.param(4, marks=pytest.mark.long)])
 def test_errors_that_a_pose_s_corners_share_are_in_the_covariance(seeds):
@@ -258,6 +283,7 @@ def test_errors_that_a_pose_s_corners_share_are_in_the_covariance(seeds):
             seen.append(replace(one, projector_px=one.projector_px + smooth))
         adjusted = adjust(seen, rig(), places)
         left_out = leave_poses_out(seen, adjusted, free=np.ones(24, bool))
+        assert not with_smooth_board(seen, adjusted, free=np.ones(24, bool)).smooth
         stated.append(left_out.inflation)
         scores.append(scores_of(adjusted.rig, rig()) / left_out.inflation)
     assert min(stated) > 1.5

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fringeworks.rig.calibration.board_shape import BOW_SIZE, BoardPrior, BoardShape
+from fringeworks.rig.calibration.board_shape import BOW_SIZE, SHAPE_SIZE, BoardPrior, BoardShape
 from fringeworks.rig.calibration.parameters import FurtherCamera, State
 from fringeworks.rig.calibration.robust import root_weights
 from fringeworks.types import BoolMap, FloatMap, Rig
@@ -48,7 +48,8 @@ class Adjusted:
     """The standard deviations of these deviations, as estimated."""
     covariance: FloatMap
     """Covariance of the rig's 24 parameters, the 15 of every further camera, then of every pose's
-    6 and the 3 bow coefficients, square; 0 for parameters that were held fixed."""
+    6 and those of smooth errors of the board, the bow's first, square; 0 for parameters that were
+    held fixed."""
     camera_residual_px: tuple[FloatMap, ...]
     """Measured minus predicted camera pixels, (m, 2) per sighting, px."""
     projector_residual_px: tuple[FloatMap, ...]
@@ -63,6 +64,8 @@ class Adjusted:
     """Cameras after the first."""
     further_rms_px: tuple[float, ...] = ()
     """Root mean square residual of each of them, px."""
+    smooth: bool = False
+    """Whether smooth errors of the board were estimated, beside its bow."""
 
     @property
     def devices_covariance(self) -> FloatMap:
@@ -73,7 +76,7 @@ class Adjusted:
     @property
     def bow_sigma_mm(self) -> FloatMap:
         """Standard deviations of the bow coefficients, (3,), mm."""
-        return np.sqrt(np.diag(self.covariance)[-BOW_SIZE:])
+        return np.sqrt(np.diag(self.covariance)[-SHAPE_SIZE:][:BOW_SIZE])
 
     @property
     def scatter_px(self) -> tuple[tuple[float, float], ...]:
@@ -94,3 +97,5 @@ class Without:
     """Of the parameters of all devices."""
     places: FloatMap
     """The board's places at the corners of the pose that was left out, (m, 3), mm."""
+    smooth_mm: FloatMap
+    """Coefficients of smooth errors of the board, mm."""

@@ -11,6 +11,7 @@ from fringeworks.rig.calibration.adjusted import Adjusted, Weighting, Without
 from fringeworks.rig.calibration.board_shape import (
     BOW_SIZE,
     OFFSET_SIZE,
+    SMOOTH_SIZE,
     BoardShape,
     estimated_prior,
     first_prior,
@@ -78,6 +79,7 @@ def adjust(
     free: BoolMap | None = None,
     prior: RigPrior | None = None,
     further: Sequence[FurtherCamera] = (),
+    smooth: bool = False,
 ) -> Adjusted:
     """Fit the rig, all poses and the board's shape to all corners by robust least squares.
 
@@ -94,6 +96,9 @@ def adjust(
         What is known about the rig beside the sightings. With it, one sighting is enough.
     further : sequence of FurtherCamera, optional
         Start of the cameras after the first. Sightings name their camera and pose.
+    smooth : bool
+        Whether the board's points have smooth errors as well, beside the bow. What the corners of
+        single poses have in common can look like them.
 
     Returns
     -------
@@ -112,16 +117,20 @@ def adjust(
 
     A printed board is off at the same points in every pose, and bowed. Its points are estimated
     as well (object-releasing calibration: Strobl and Hirzinger, ICCV Workshops 2011,
-    doi:10.1109/ICCVW.2011.6130369), with a prior for print, flatness and bow. The standard
-    deviations of print and flatness are estimated from the offsets (``estimated_prior``).
-    Otherwise these errors would be taken as independent in every pose, and the covariance would be
-    too small.
+    doi:10.1109/ICCVW.2011.6130369), with a prior for print, flatness and bow. Paper and printers
+    err smoothly: errors of neighbouring points are alike, and hardly vanish in the mean of all
+    points. With ``smooth``, such errors are polynomials over the board with priors of their own.
+    The standard deviations of all are estimated from the errors that were found
+    (``estimated_prior``). Otherwise they would be taken as independent in every pose, and the
+    covariance would be too small.
     """
     corners = corners_of(sightings)
-    shape = BoardShape(np.zeros(BOW_SIZE), np.zeros((corners.board_points, OFFSET_SIZE)))
+    shape = BoardShape(
+        np.zeros(BOW_SIZE), np.zeros(SMOOTH_SIZE), np.zeros((corners.board_points, OFFSET_SIZE))
+    )
     state = State(rig, tuple(poses), shape, tuple(further))
     free = np.ones(state.devices_size, bool) if free is None else free
-    problem = _Problem(corners, free, state, prior)
+    problem = _Problem(corners, free, state, prior, smooth=smooth)
     first = residuals_of(corners, state).independent
     scatter = first_scatter(first, corners.rows, problem.of_rig_and_poses, corners.camera_of)
     weighting = Weighting(scatter, None, first_prior(corners.points_mm))
@@ -152,13 +161,22 @@ def without(sightings: Sequence[Sighting], adjusted: Adjusted, k: int, *, free: 
     left_out = every.pose == k
     poses = tuple(T for n, T in enumerate(adjusted.poses) if n != k)
     state = State(adjusted.rig, poses, adjusted.shape, adjusted.further)
-    problem = _Problem(corners_of(others), free, state)
+    # Points that only this pose shows are points of the board all the same.
+    corners = corners_of(others)
+    corners = replace(corners, height=every.height[~left_out], smooth=every.smooth[~left_out])
+    problem = _Problem(corners, free, state, smooth=adjusted.smooth)
     weighting = adjusted.weighting.of_rows(~left_out)
     at = problem.minimise(state, weighting)
     state = at.state
     size = state.devices_size
     covariance = problem.covariance(at, weighting).shared[:size, :size]
-    return Without(state.rig, state.further, covariance, board_places(every, state.shape)[left_out])
+    return Without(
+        state.rig,
+        state.further,
+        covariance,
+        board_places(every, state.shape)[left_out],
+        state.shape.smooth_mm,
+    )
 
 
 def refit(
@@ -185,7 +203,7 @@ def linearised(
 ) -> tuple[Residuals, NormalEquations]:
     """Residuals at an adjustment, with their derivatives, and the normal equations there."""
     state = State(adjusted.rig, adjusted.poses, adjusted.shape, adjusted.further)
-    problem = _Problem(corners, free, state)
+    problem = _Problem(corners, free, state, smooth=adjusted.smooth)
     at = problem.evaluate(state, adjusted.weighting)
     return at.residuals, problem.normal_equations(at, adjusted.weighting)
 
@@ -193,7 +211,9 @@ def linearised(
 def _settled(before: Weighting, after: Weighting) -> bool:
     """Whether scatter and prior hardly changed; far below the corners' scatter, a prior that still
     shrinks changes nothing."""
-    priors = [np.array([w.prior.print_mm, w.prior.flat_mm]) for w in (before, after)]
+    priors = [
+        np.array([w.prior.print_mm, w.prior.flat_mm, *w.prior.smooth_mm]) for w in (before, after)
+    ]
     small = NEGLIGIBLE_PRIOR * after.prior.bow_mm
     return bool(
         np.allclose(after.scatter, before.scatter, rtol=SETTLED)
@@ -220,12 +240,14 @@ class _Problem:
         free_of_rig: BoolMap,
         state: State,
         prior: RigPrior | None = None,
+        *,
+        smooth: bool = False,
     ) -> None:
-        self.corners, self.prior = corners, prior
+        self.corners, self.prior, self.smooth = corners, prior, smooth
         self.points = len(state.shape.offset_mm)
         self.of_rig_and_poses = int(free_of_rig.sum()) + POSE_SIZE * corners.poses
         always = np.ones(POSE_SIZE * corners.poses + BOW_SIZE, bool)
-        self.free = np.concatenate((free_of_rig, always))
+        self.free = np.concatenate((free_of_rig, always, np.full(SMOOTH_SIZE, smooth)))
         count, unknowns = len(corners.pose), self.of_rig_and_poses
         if prior is None and 4 * count <= unknowns:
             raise InputError(
@@ -245,8 +267,9 @@ class _Problem:
         # The first scatter comes from a rough start and says little about the board.
         if before.weights is not None:
             variance = np.diagonal(covariance.points, axis1=1, axis2=2)
-            offset_mm, places = at.state.shape.offset_mm, self.corners.points_mm
-            prior = estimated_prior(prior, offset_mm, variance, places)
+            smooth = np.diag(covariance.shared)[-SMOOTH_SIZE:] if self.smooth else None
+            shape, places = at.state.shape, self.corners.points_mm
+            prior = estimated_prior(prior, shape, variance, smooth, places)
         return Weighting(scatter, weights_of(independent, scatter), prior)
 
     def evaluate(self, state: State, weighting: Weighting) -> _Evaluated:
@@ -271,7 +294,8 @@ class _Problem:
         return NormalEquations.of(self.corners, J, r, of_board, self.free, of_rig)
 
     def _prior(self, state: State, weighting: Weighting) -> tuple[FloatMap, FloatMap]:
-        values = np.concatenate((state.shape.bow_mm, state.shape.offset_mm.ravel()))
+        shape = state.shape
+        values = np.concatenate((shape.bow_mm, shape.smooth_mm, shape.offset_mm.ravel()))
         return weighting.prior.precision(self.points), values
 
     def minimise(self, state: State, weighting: Weighting) -> _Evaluated:
@@ -354,6 +378,7 @@ class _Problem:
             converged=converged,
             further=state.further,
             further_rms_px=tuple(rms[1:]),
+            smooth=self.smooth,
         )
 
 

@@ -18,7 +18,7 @@ from fringeworks.rig.calibration.coefficients import free_parameters, without_us
 from fringeworks.rig.calibration.corners import find_board
 from fringeworks.rig.calibration.correspondence import Correspondence, projector_at, spacing
 from fringeworks.rig.calibration.device_fields import Fields, with_fields
-from fringeworks.rig.calibration.leave_out import LeftOut, leave_poses_out
+from fringeworks.rig.calibration.leave_out import LeftOut, leave_poses_out, with_smooth_board
 from fringeworks.rig.calibration.refine import refined_view
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.calibration.start import start
@@ -248,11 +248,8 @@ def calibrate(
     ]
     sightings = [sighting_of(o, board) for o in observations]
     adjusted = adjust(sightings, adjusted.rig, adjusted.poses, free=free)
-    fields = Fields.none()
-    if distortion is None:
-        adjusted, left_out, fields = _as_needed(sightings, adjusted, free)
-    else:
-        left_out = leave_poses_out(sightings, adjusted, free=free)
+    adjusted = with_smooth_board(sightings, adjusted, free=free)
+    adjusted, left_out, fields = _as_needed(sightings, adjusted, free, distortion)
     inflation = left_out.inflation * fields.scatter_factor(sum(len(s.index) for s in sightings))
     structure = structures_px(sightings, adjusted)
     rig = fields.inflated(adjusted.rig, inflation)
@@ -274,12 +271,15 @@ def calibrate(
 
 
 def _as_needed(
-    sightings: Sequence[Sighting], adjusted: Adjusted, free: BoolMap
+    sightings: Sequence[Sighting], adjusted: Adjusted, free: BoolMap, distortion: int | None
 ) -> tuple[Adjusted, LeftOut, Fields]:
-    """Add fields where there is evidence of them, or leave out k₃ where it is useless.
+    """Add fields where there is evidence of them, or leave out k₃ where it is useless; neither
+    where the number of coefficients is given.
 
     A field holds what k₃ leaves, so that nothing is gained by leaving it out beside one.
     """
+    if distortion is not None:
+        return adjusted, leave_poses_out(sightings, adjusted, free=free), Fields.none()
     adjusted, fields = with_fields(sightings, adjusted, free=free)
     if fields.any:
         return adjusted, leave_poses_out(sightings, adjusted, free=free), fields

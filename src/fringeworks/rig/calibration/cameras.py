@@ -18,7 +18,7 @@ from fringeworks.rig.calibration.calibrate import (
     sighting_of,
 )
 from fringeworks.rig.calibration.coefficients import free_parameters, without_useless
-from fringeworks.rig.calibration.leave_out import leave_poses_out
+from fringeworks.rig.calibration.leave_out import leave_poses_out, with_smooth_board
 from fringeworks.rig.calibration.parameters import FurtherCamera
 from fringeworks.rig.calibration.poses import relative_pose
 from fringeworks.rig.calibration.residuals import Sighting
@@ -104,6 +104,7 @@ def calibrate_cameras(
     refined_again = _refined(observations, board, names, adjusted)
     sightings = _sightings(refined_again, board, names)
     adjusted = adjust(sightings, adjusted.rig, adjusted.poses, free=free, further=adjusted.further)
+    adjusted = with_smooth_board(sightings, adjusted, free=free)
     if distortion is None:
         adjusted, left_out, free = without_useless(sightings, adjusted, free)
     else:

@@ -73,7 +73,8 @@ def without_useless(
         free = free.copy()
         free[useless] = False
         rig, further = _with_zeros(adjusted, free)
-        adjusted = adjust(sightings, rig, adjusted.poses, free=free, further=further)
+        poses, smooth = adjusted.poses, adjusted.smooth
+        adjusted = adjust(sightings, rig, poses, free=free, further=further, smooth=smooth)
         left_out = leave_poses_out(sightings, adjusted, free=free)
     return adjusted, left_out, free
 

@@ -143,7 +143,8 @@ def _settled_fields(
             return plain, Fields.none(), chosen
         before = adjusted.rig
         rig, fields = _estimated(now, chosen)
-        adjusted = adjust(sightings, rig, adjusted.poses, free=free)
+        poses, smooth = adjusted.poses, adjusted.smooth
+        adjusted = adjust(sightings, rig, poses, free=free, smooth=smooth)
         now = Linearised(sightings, adjusted, free)
         settled = _settled(now, before)
         has = [one is not None for one in chosen]

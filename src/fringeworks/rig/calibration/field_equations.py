@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 
 from fringeworks.rig.calibration.adjusted import Adjusted, Weighting
+from fringeworks.rig.calibration.board_shape import SMOOTH_SIZE
 from fringeworks.rig.calibration.bundle import linearised
 from fringeworks.rig.calibration.field_modes import Modes
 from fringeworks.rig.calibration.normal_equations import shared_columns
@@ -64,8 +65,9 @@ class Linearised:
         at = replace(adjusted, weighting=weighting)
         self.residuals, self.equations = linearised(self.corners, at, free=free)
         self.points = len(adjusted.shape.offset_mm)
-        always = len(self.equations.shared) - int(free.sum())
-        self.free = np.concatenate((free, np.ones(always, bool)))
+        smooth = np.full(SMOOTH_SIZE, adjusted.smooth)
+        always = len(self.equations.shared) - int(free.sum()) - int(smooth.sum())
+        self.free = np.concatenate((free, np.ones(always, bool), smooth))
 
     def places(self, device: int) -> FloatMap:
         """Measured corners in the frame of the camera (0) or the projector (1), (n, 2), px."""

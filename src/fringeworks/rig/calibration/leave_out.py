@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from fringeworks.rig.calibration.adjusted import Adjusted, Without
+from fringeworks.rig.calibration.board_shape import SMOOTH_GROUPS
 from fringeworks.rig.calibration.board_view import MIN_CORNERS
-from fringeworks.rig.calibration.bundle import without
+from fringeworks.rig.calibration.bundle import adjust, without
 from fringeworks.rig.calibration.parameters import (
     FurtherCamera,
     further_change,
@@ -23,6 +25,9 @@ from fringeworks.types import BoolMap, FloatMap, InputError, Rig
 
 MIN_PREDICTING = 3
 """Smallest number of remaining poses for a prediction: fewer do not make a usable calibration."""
+CHANCE = 1e-3
+"""Probability with which errors that the corners of single poses share are taken for smooth errors
+of the board. Where they are, the principal points go wrong by several σ."""
 MIN_GAIN = 0.02
 """Smallest relative gain of variance that a direction of the parameters must get from the left-out
 pose to count. With less, rounding and the curvature of the model decide."""
@@ -76,6 +81,41 @@ def leave_poses_out(sightings: Sequence[Sighting], adjusted: Adjusted, *, free: 
     inflation = max(1.0, float(np.sqrt(squares / directions))) if directions else 1.0
     enough = len(adjusted.poses) > MIN_PREDICTING
     return LeftOut(inflation, tuple(predicted) if enough else ())
+
+
+def with_smooth_board(
+    sightings: Sequence[Sighting], adjusted: Adjusted, *, free: BoolMap
+) -> Adjusted:
+    """Adjust with smooth errors of the board as well, if all poses agree on them.
+
+    Parameters
+    ----------
+    sightings, adjusted, free
+        As of ``leave_poses_out``.
+
+    Notes
+    -----
+    Errors that the corners of single poses share look like errors of the board, and more so the
+    fewer the poses; evidence of all corners together would take them for it. The board is the same
+    in every pose: without any of them, its errors hardly change. Their squares are compared with
+    the jackknife's variances over poses (Efron, Annals of Statistics 7, 1979,
+    doi:10.1214/aos/1176344552), for each of ``SMOOTH_GROUPS``, by Fisher's distribution.
+    """
+    rig, poses, further = adjusted.rig, adjusted.poses, adjusted.further
+    try:
+        other = adjust(sightings, rig, poses, free=free, further=further, smooth=True)
+        left = [without(sightings, other, k, free=free).smooth_mm for k in range(len(poses))]
+    except InputError:
+        return adjusted
+    degrees = len(poses) - 1
+    variance = degrees * np.var(left, axis=0)
+    found = other.shape.smooth_mm
+    for group in SMOOTH_GROUPS:
+        size = np.count_nonzero(group)
+        least = scipy.stats.f.isf(CHANCE / len(SMOOTH_GROUPS), size, degrees)
+        if np.sum(found[group] ** 2) > least * np.sum(variance[group]):
+            return other
+    return adjusted
 
 
 def _normalised_change(left: Without, whole: Adjusted, free: BoolMap) -> FloatMap:

@@ -1,9 +1,10 @@
 """Normal equations of a bundle adjustment, solved with the board's points eliminated.
 
-A corner depends on the parameters that all corners share (rig, poses, bow) and on the three offsets
-of its own point of the board. The points' part of the normal matrix therefore consists of 3 × 3
-blocks. Eliminating them leaves a system of the shared parameters only (Schur complement; Triggs et
-al., LNCS 1883, 2000, §6): for 200 points and eight poses 75 unknowns instead of 675.
+A corner depends on the parameters that all corners share (rig, poses, smooth errors of the board)
+and on the three offsets of its own point of the board. The points' part of the normal matrix
+therefore consists of 3 × 3 blocks. Eliminating them leaves a system of the shared parameters only
+(Schur complement; Triggs et al., LNCS 1883, 2000, §6): for 200 points and eight poses 93 unknowns
+instead of 693.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Self
 import numpy as np
 import scipy
 
-from fringeworks.rig.calibration.board_shape import BOW_SIZE, OFFSET_SIZE
+from fringeworks.rig.calibration.board_shape import OFFSET_SIZE, SHAPE_SIZE
 from fringeworks.rig.calibration.parameters import POSE_SIZE
 from fringeworks.rig.calibration.residuals import Corners
 from fringeworks.types import BoolMap, FloatMap
@@ -62,19 +63,19 @@ class NormalEquations:
         ----------
         corners : Corners
             n corners; every point at most once in a sighting.
-        jacobian : (n, 4, 36 …) array
+        jacobian : (n, 4, …) array
             As in ``Residuals``, weighted.
         residual : (n, 4) array
             Weighted.
-        prior : two (3 + 3 p,) arrays
-            1/σ² of the bow and of all offsets, and their values.
+        prior : two (k + 3 p,) arrays
+            1/σ² of the smooth errors and of all offsets, and their values.
         free : (s₀,) bool array
             Which of the s₀ shared parameters are estimated; s of them are.
         known : two arrays (k, k) and (k,), optional
             Precision of a prior of the first k shared parameters, and their differences from it.
         """
         precision, value = prior
-        p = (precision.size - BOW_SIZE) // OFFSET_SIZE
+        p = (precision.size - SHAPE_SIZE) // OFFSET_SIZE
         shared, right_shared = np.diag(np.zeros(free.size)), np.zeros(free.size)
         across, points = np.zeros((p, free.size, OFFSET_SIZE)), np.zeros((p, 3, 3))
         right_points = np.zeros((p, OFFSET_SIZE))
@@ -88,11 +89,11 @@ class NormalEquations:
             across[index[:, None], columns] += of_shared.transpose(0, 2, 1) @ of_point
             points[index] += of_point.transpose(0, 2, 1) @ of_point
             right_points[index] += np.einsum("nri,nr->ni", of_point, r)
-        bow, offset = slice(free.size - BOW_SIZE, free.size), np.arange(OFFSET_SIZE)
-        shared[bow, bow] += np.diag(precision[:BOW_SIZE])
-        right_shared[bow] -= (precision * value)[:BOW_SIZE]
-        points[:, offset, offset] += precision[BOW_SIZE:].reshape(p, OFFSET_SIZE)
-        right_points -= (precision * value)[BOW_SIZE:].reshape(p, OFFSET_SIZE)
+        shape, offset = slice(free.size - SHAPE_SIZE, free.size), np.arange(OFFSET_SIZE)
+        shared[shape, shape] += np.diag(precision[:SHAPE_SIZE])
+        right_shared[shape] -= (precision * value)[:SHAPE_SIZE]
+        points[:, offset, offset] += precision[SHAPE_SIZE:].reshape(p, OFFSET_SIZE)
+        right_points -= (precision * value)[SHAPE_SIZE:].reshape(p, OFFSET_SIZE)
         if known is not None:
             first = slice(0, len(known[1]))
             shared[first, first] += known[0]
@@ -215,7 +216,7 @@ class Covariance:
         Parameters
         ----------
         corners : Corners
-        jacobian : (n, 4, 36 …) array
+        jacobian : (n, 4, …) array
             The forms, as in ``Residuals``.
         """
         variance = np.empty(jacobian.shape[:2])
@@ -236,14 +237,14 @@ def shared_columns(
 ) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
     """Return which of the shared parameters the corners of the k-th sighting depend on.
 
-    They are those of all devices, the 6 of its pose and the 3 bow coefficients, (33 …,).
+    They are those of all devices, the 6 of its pose and those of smooth errors.
     """
-    bow = shared - BOW_SIZE
-    devices = bow - POSE_SIZE * corners.poses
+    shape = shared - SHAPE_SIZE
+    devices = shape - POSE_SIZE * corners.poses
     return np.concatenate(
         (
             np.arange(devices),
             devices + POSE_SIZE * int(corners.pose_of[k]) + np.arange(POSE_SIZE),
-            bow + np.arange(BOW_SIZE),
+            shape + np.arange(SHAPE_SIZE),
         )
     )

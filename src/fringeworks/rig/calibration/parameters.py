@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fringeworks.rig.calibration.board_shape import BOW_SIZE, OFFSET_SIZE, BoardShape
+from fringeworks.rig.calibration.board_shape import BOW_SIZE, OFFSET_SIZE, SHAPE_SIZE, BoardShape
 from fringeworks.rig.pinhole import inverse, rotation
 from fringeworks.types import RIG_PARAMETERS, FloatMap, Pinhole, Rig
 
@@ -57,8 +57,9 @@ class State:
     def moved(self, step: FloatMap) -> State | None:
         """Return the state after a step of all parameters.
 
-        They are those of the devices, 6 for every pose, 3 for the bow and 3 for every point. None
-        where a focal length would not be positive or a device's parameter not finite.
+        They are those of the devices, 6 for every pose, those of the board's smooth errors and 3
+        for every point. None where a focal length would not be positive or a device's parameter not
+        finite.
         """
         size = self.devices_size
         rig = moved_rig(self.rig, step[:RIG_SIZE])
@@ -75,7 +76,8 @@ class State:
         poses = tuple(moved_pose(np.stack(self.poses), of_poses))
         shape = BoardShape(
             self.shape.bow_mm + of_board[:BOW_SIZE],
-            self.shape.offset_mm + of_board[BOW_SIZE:].reshape(-1, OFFSET_SIZE),
+            self.shape.smooth_mm + of_board[BOW_SIZE:SHAPE_SIZE],
+            self.shape.offset_mm + of_board[SHAPE_SIZE:].reshape(-1, OFFSET_SIZE),
         )
         return State(rig, poses, shape, tuple(o for o in further if o is not None))
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fringeworks.rig.calibration.board_shape import (
     BoardShape,
     heights_of,
+    smooth_modes,
 )
 from fringeworks.rig.calibration.parameters import DEVICE_SIZE, FURTHER_SIZE, RIG_SIZE, State
 from fringeworks.rig.pinhole import project_with_derivatives, skew, transform
@@ -64,6 +65,8 @@ class Corners(Frozen):
     """Nominal places on the board, (n, 3), mm."""
     height: FloatMap
     """x², x y, y² of these places, (n, 3); see ``heights_of``."""
+    smooth: FloatMap
+    """Displacements by the other smooth errors, (n, 3, s); see ``smooth_modes``."""
     camera_px: FloatMap
     """(n, 2), px."""
     projector_px: FloatMap
@@ -100,6 +103,7 @@ def corners_of(sightings: Sequence[Sighting]) -> Corners:
     return Corners(
         pose=np.repeat(pose_of, sizes),
         height=heights_of(joined["points_mm"], joined["points_mm"]),
+        smooth=smooth_modes(joined["points_mm"]),
         poses=int(pose_of.max()) + 1,
         sighting=np.repeat(number, sizes),
         pose_of=pose_of,
@@ -119,14 +123,15 @@ class Residuals:
     """(n, 2): the projector's at the camera pixel where the corner was seen."""
     jacobian: FloatMap
     """Derivative of the model behind ``independent`` with respect to the parameters of all devices
-    (24, and 15 for every further camera), the 6 of the corner's pose, the 3 bow coefficients and
-    the 3 offsets of its point, (n, 4, 36 …); empty where it was not asked for."""
+    (24, and 15 for every further camera), the 6 of the corner's pose, those of the board's smooth
+    errors and the 3 offsets of its point, (n, 4, …); empty where it was not asked for."""
 
 
 def board_places(corners: Corners, shape: BoardShape) -> FloatMap:
     """Return where the corners are on the real board, (n, 3), mm."""
     places = corners.points_mm + shape.offset_mm[corners.index]
     places[:, 2] += corners.height @ shape.bow_mm
+    places += corners.smooth @ shape.smooth_mm
     return np.asarray(places)
 
 
@@ -161,7 +166,8 @@ def residuals_of(corners: Corners, state: State, *, derivatives: bool = False) -
     n, R = len(turned), state.rig.T_projector_camera[:3, :3]
     by_relative_pose = point_by_pose(in_projector - state.rig.T_projector_camera[:3, 3])
     normal = T[:, :3, 2, None] * corners.height[:, None, :]
-    by_place = np.concatenate((point_by_pose(turned), normal, T[:, :3, :3]), axis=2)
+    smooth = T[:, :3, :3] @ corners.smooth
+    by_place = np.concatenate((point_by_pose(turned), normal, smooth, T[:, :3, :3]), axis=2)
     devices = state.devices_size
     jacobian = np.zeros((n, 4, devices + by_place.shape[2]))
     jacobian[:, :2, :devices] = seen_by.by_devices

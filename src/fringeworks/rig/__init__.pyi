@@ -61,3 +61,18 @@ from .camera_points import (
 from ..pipeline.cameras import (
     MultiMeasurement as MultiMeasurement,
 )
+from ..types import (
+    RobotFrame as RobotFrame,
+    RobotNoise as RobotNoise,
+)
+from .robot.readings import (
+    Reading as Reading,
+    RobotPoses as RobotPoses,
+    robot_poses as robot_poses,
+)
+from .robot.hand_eye import (
+    HandEye as HandEye,
+)
+from ..pipeline.hand_eye import (
+    hand_eye as hand_eye,
+)

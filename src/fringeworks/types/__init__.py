@@ -74,6 +74,13 @@ from fringeworks.types.profile import Line, Profile
 from fringeworks.types.provenance import Provenance, Source, made_by, provenance_from, today
 from fringeworks.types.recipe import PartModel, PartTolerance, Recipe
 from fringeworks.types.rig import RIG_PARAMETERS, Pinhole, Rig
+from fringeworks.types.robot import (
+    Mount,
+    RobotFrame,
+    RobotNoise,
+    check_pose_covariance,
+    check_rigid,
+)
 from fringeworks.types.surface import HeightMap, PointCloud
 
 __all__ = [
@@ -112,6 +119,7 @@ __all__ = [
     "LensField",
     "Line",
     "MissingPackage",
+    "Mount",
     "MultiRig",
     "Noted",
     "Pair",
@@ -130,6 +138,8 @@ __all__ = [
     "Region",
     "Rig",
     "RigMismatch",
+    "RobotFrame",
+    "RobotNoise",
     "Sectioned",
     "Severity",
     "Source",
@@ -140,7 +150,9 @@ __all__ = [
     "by_effect",
     "check_fields",
     "check_layout",
+    "check_pose_covariance",
     "check_reusable",
+    "check_rigid",
     "count_reasons",
     "explained",
     "fingerprint",

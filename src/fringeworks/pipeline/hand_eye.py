@@ -1,0 +1,139 @@
+"""Robot poses and board views → where the camera is on the robot."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.files.robot_poses import read_robot_poses
+from fringeworks.rig.calibration.board import Board, parse_board
+from fringeworks.rig.calibration.board_view import BoardView
+from fringeworks.rig.calibration.calibrate import Observation
+from fringeworks.rig.calibration.corners import find_board
+from fringeworks.rig.calibration.refine import refined_view
+from fringeworks.rig.robot.board_views import view_pose
+from fringeworks.rig.robot.hand_eye import HandEye, hand_eye_of
+from fringeworks.rig.robot.readings import RobotPoses
+from fringeworks.stack.even_light import texture
+from fringeworks.stack.frames import Stack
+from fringeworks.types import FloatMap, InputError, Mount, Rig, RobotNoise, made_by
+from fringeworks.types.packages import need_opencv
+
+Shown = BoardView | Observation | Stack | NDArray[Any]
+"""A board as a view: its corners, an observation, frames of a plan, or a grey photograph."""
+
+
+def hand_eye(
+    robot_poses: RobotPoses | FloatMap | str | os.PathLike[str],
+    board_views: Sequence[Shown],
+    board: Board | str,
+    rig: Rig,
+    *,
+    mount: Mount,
+    noise: RobotNoise | tuple[float, float] | None = None,
+    names: Sequence[str] = (),
+    progress: Callable[[str], None] = lambda _: None,
+) -> HandEye:
+    """Calibrate where the camera is on a robot, from poses in which it sees a board.
+
+    Parameters
+    ----------
+    robot_poses : RobotPoses, (n, 4, 4) array, or path
+        One pose for each view: as they were written (``robot_poses``, ``read_robot_poses``), or
+        T_base_flange in mm.
+    board_views : sequence of BoardView, Observation, Stack or (h, w) arrays
+        The board as the camera sees it in each pose: corners, observations of a calibration, frames
+        of a plan, or photographs under even light, counts.
+    board : Board or str
+        A board, or its short form, as for ``parse_board``.
+    rig : Rig
+        The camera, with the covariance of its parameters.
+    mount : "hand" or "base"
+        "hand": the camera moves with the flange, and the board stands still. "base": the camera
+        stands beside the robot, and the board moves with the flange.
+    noise : RobotNoise or (mm, degrees), optional
+        Standard deviations of the robot's poses: every coordinate, and the rotation about every
+        axis. Where left out, it is estimated from the residuals.
+    names : sequence of str, optional
+        A name for every pose; by default those of the robot poses, or "pose 1" and so on.
+    progress : callable
+        Called with the name of each view in which the board is looked for.
+
+    Returns
+    -------
+    HandEye
+        ``T_flange_camera`` or ``T_base_camera`` with its covariance, and poses that stand out.
+
+    Raises
+    ------
+    BoardNotFound
+        Where a view does not show the board.
+    InputError
+        That names the cause: too few poses, no rotation or rotations about one axis only, poses
+        that contradict the views, and readings of the poses that the views cannot tell apart.
+    MissingPackage
+        Without OpenCV (the extra ``calibration``), for views that are no corners.
+
+    Notes
+    -----
+    Every pose tells M = X⁻¹ G Y: the board before the camera (M), the robot (G), the camera on its
+    side (X) and the board on the other (Y). X and Y, the errors of all robot poses, of the board's
+    poses by the scatter of their corners, and of the camera's parameters by the rig's covariance
+    are unknowns of one adjustment (maximum likelihood, errors in all variables). It starts from
+    closed forms of small sets of poses (Park and Martin, IEEE Transactions on Robotics and
+    Automation 10, 1994, doi:10.1109/70.326576), of which the one with the least median of squares
+    is taken. A pose that the others contradict is left out and named. Noise that is not stated is
+    estimated by restricted maximum likelihood, and σ is widened by Student's distribution.
+
+    Where poses can be read in several ways, all are tried. The views decide, or both readings are
+    named.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import fringeworks as fw
+    >>> fw.rig.hand_eye(np.eye(4)[None], [], "chessboard:11x8:12", fw.simulate.standard_rig(),
+    ...                 mount="hand")
+    Traceback (most recent call last):
+    ...
+    fringeworks.types.errors.InputError: hand-eye: expected a robot pose for each of the 0 ...
+    """
+    board = parse_board(board) if isinstance(board, str) else board
+    poses: Any = robot_poses
+    if isinstance(poses, (str, os.PathLike)):
+        poses = read_robot_poses(poses)
+    stated = noise if isinstance(noise, RobotNoise) or noise is None else RobotNoise(*noise)
+    views = [
+        _view(shown, board, rig, names[k] if k < len(names) else f"pose {k + 1}", progress)
+        for k, shown in enumerate(board_views)
+    ]
+    found = hand_eye_of(poses, views, board, rig, mount=mount, noise=stated, names=names)
+    options = {"board": board, "mount": mount, "noise": noise}
+    return replace(found, provenance=made_by("hand_eye", options=options, rig=rig))
+
+
+def _view(
+    shown: Shown, board: Board, rig: Rig, name: str, progress: Callable[[str], None]
+) -> BoardView:
+    """The corners that a view shows, measured with the camera known where it is a picture."""
+    if isinstance(shown, BoardView):
+        return shown
+    if isinstance(shown, Observation):
+        return shown.view
+    need_opencv("a hand-eye calibration")
+    progress(f"{name} …")
+    try:
+        image = texture(shown.frames, shown.plan) if isinstance(shown, Stack) else np.asarray(shown)
+        if image.shape != rig.camera.shape:
+            h, w = rig.camera.shape
+            raise InputError(f"expected frames of the rig's {w} × {h} px, got shape {image.shape}")
+        view = find_board(image, board)
+        pose = view_pose(view, board, rig.camera, name)
+    except InputError as error:
+        raise error.at(name) from error
+    return refined_view(image, board, view, rig.camera, pose)

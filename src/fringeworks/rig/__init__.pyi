@@ -62,6 +62,7 @@ from ..pipeline.cameras import (
     MultiMeasurement as MultiMeasurement,
 )
 from ..types import (
+    Mount as Mount,
     RobotFrame as RobotFrame,
     RobotNoise as RobotNoise,
 )

@@ -15,7 +15,16 @@ from fringeworks._lazy import scipy
 from fringeworks.rig.pinhole import project, transform
 from fringeworks.surface.clean import inside_surface
 from fringeworks.surface.cloud import LONG_SIDE
-from fringeworks.types import Axis, BoolMap, CameraBlur, FloatMap, InputError, PointCloud, Rig
+from fringeworks.types import (
+    Axis,
+    BoolMap,
+    CameraBlur,
+    FloatMap,
+    InputError,
+    PointCloud,
+    Rig,
+    need_camera_frame,
+)
 
 Periods = float | Sequence[float]
 """Period of fringes, or those of the sets that coordinates are the mean of, projector px."""
@@ -129,6 +138,7 @@ def remove_blur(
     >>> round(float((ball.xyz_mm - found.xyz_mm)[6, 6, 2]), 3)
     0.01
     """
+    need_camera_frame(cloud, "the removal of blur")
     blur = _blur_of(blur, rig)
     axes: tuple[Axis, ...] = ("x", "y") if axis is None else (axis,)
     # Fringes fade on slopes across them, so that each axis has a modulation of its own.

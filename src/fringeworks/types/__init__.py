@@ -69,6 +69,7 @@ from fringeworks.types.frozen import Frozen, check_reusable, fingerprint, sealed
 from fringeworks.types.lens_field import LensField
 from fringeworks.types.multi_rig import MultiRig, multi_rig_parameters
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
+from fringeworks.types.placement import CAMERA_FRAME, Placement
 from fringeworks.types.points import Points, TriangleMesh
 from fringeworks.types.profile import Line, Profile
 from fringeworks.types.provenance import Provenance, Source, made_by, provenance_from, today
@@ -81,9 +82,10 @@ from fringeworks.types.robot import (
     check_pose_covariance,
     check_rigid,
 )
-from fringeworks.types.surface import HeightMap, PointCloud
+from fringeworks.types.surface import HeightMap, PointCloud, need_camera_frame
 
 __all__ = [
+    "CAMERA_FRAME",
     "LARGEST",
     "MOST_PX",
     "MOST_SEED",
@@ -127,6 +129,7 @@ __all__ = [
     "PartTolerance",
     "Pinhole",
     "Pixels",
+    "Placement",
     "Plotted",
     "PointCloud",
     "Points",
@@ -162,6 +165,7 @@ __all__ = [
     "layout_words",
     "made_by",
     "multi_rig_parameters",
+    "need_camera_frame",
     "numbered",
     "positive",
     "provenance_from",

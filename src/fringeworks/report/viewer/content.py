@@ -151,7 +151,10 @@ def _(cloud: PointCloud, camera: Pinhole | None, every: int) -> Content:
     measured = (reason == Reason.OK)[..., None]
     points = np.where(measured, cloud.xyz_mm[::every, ::every].astype(np.float64), np.nan)
     sigma = cloud.sigma_mm[::every, ::every].astype(np.float64)
-    if camera is None:
+    lattice = None
+    if cloud.placement is not None:
+        pass  # its rays do not start at the origin
+    elif camera is None:
         fitted, step = fitted_camera(points), 1
         lattice = None if fitted is None else camera_lattice(points.shape[:2], fitted, step)
     else:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.files.atomic import StrPath
+from fringeworks.files.images import read_frame
+from fringeworks.files.limits import is_file, is_folder
 from fringeworks.files.robot_poses import read_robot_poses
+from fringeworks.files.stack import PLAN_FILE, images_of, read_poses
+from fringeworks.patterns.plan import PatternPlan
 from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.calibration.board_view import BoardView
 from fringeworks.rig.calibration.calibrate import Observation
@@ -21,22 +27,34 @@ from fringeworks.rig.robot.hand_eye import HandEye, hand_eye_of
 from fringeworks.rig.robot.readings import RobotPoses
 from fringeworks.stack.even_light import texture
 from fringeworks.stack.frames import Stack
-from fringeworks.types import FloatMap, InputError, Mount, Rig, RobotNoise, made_by
+from fringeworks.types import (
+    FileProblem,
+    Finding,
+    FloatMap,
+    InputError,
+    Mount,
+    Rig,
+    RobotNoise,
+    made_by,
+)
 from fringeworks.types.packages import need_opencv
 
+MOST_NAMES = 4
+"""Names of views that a message lists."""
 Shown = BoardView | Observation | Stack | NDArray[Any]
 """A board as a view: its corners, an observation, frames of a plan, or a grey photograph."""
 
 
 def hand_eye(
-    robot_poses: RobotPoses | FloatMap | str | os.PathLike[str],
-    board_views: Sequence[Shown],
+    robot_poses: RobotPoses | FloatMap | StrPath,
+    board_views: Sequence[Shown] | StrPath,
     board: Board | str,
     rig: Rig,
     *,
     mount: Mount,
     noise: RobotNoise | tuple[float, float] | None = None,
     names: Sequence[str] = (),
+    plan: PatternPlan | StrPath | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> HandEye:
     """Calibrate where the camera is on a robot, from poses in which it sees a board.
@@ -46,9 +64,11 @@ def hand_eye(
     robot_poses : RobotPoses, (n, 4, 4) array, or path
         One pose for each view: as they were written (``robot_poses``, ``read_robot_poses``), or
         T_base_flange in mm.
-    board_views : sequence of BoardView, Observation, Stack or (h, w) arrays
+    board_views : sequence of BoardView, Observation, Stack or (h, w) arrays, or path
         The board as the camera sees it in each pose: corners, observations of a calibration, frames
-        of a plan, or photographs under even light, counts.
+        of a plan, or photographs under even light, counts. A folder holds a capture for each pose,
+        or photographs; poses with names are found by those, others by their order. Views of a
+        folder in which the board is not found are left out and named.
     board : Board or str
         A board, or its short form, as for ``parse_board``.
     rig : Rig
@@ -61,6 +81,8 @@ def hand_eye(
         axis. Where left out, it is estimated from the residuals.
     names : sequence of str, optional
         A name for every pose; by default those of the robot poses, or "pose 1" and so on.
+    plan : PatternPlan or path, optional
+        Of the captures of a folder, where none lies there.
     progress : callable
         Called with the name of each view in which the board is looked for.
 
@@ -107,6 +129,18 @@ def hand_eye(
     poses: Any = robot_poses
     if isinstance(poses, (str, os.PathLike)):
         poses = read_robot_poses(poses)
+    left_out: list[Finding] = []
+    if isinstance(board_views, (str, os.PathLike)):
+        if names or not isinstance(poses, RobotPoses):
+            raise InputError(
+                "board_views: expected views with transforms or names, got a folder; give the "
+                "poses with their names (robot_poses)"
+            )
+        seen = _of_folder(Path(board_views), plan, board, rig, progress)
+        poses, views, names = _paired(poses, seen, left_out)
+        board_views = views
+    elif plan is not None:
+        raise InputError("plan: expected with a folder of captures, got it with views")
     stated = noise if isinstance(noise, RobotNoise) or noise is None else RobotNoise(*noise)
     views = [
         _view(shown, board, rig, names[k] if k < len(names) else f"pose {k + 1}", progress)
@@ -114,7 +148,73 @@ def hand_eye(
     ]
     found = hand_eye_of(poses, views, board, rig, mount=mount, noise=stated, names=names)
     options = {"board": board, "mount": mount, "noise": noise}
-    return replace(found, provenance=made_by("hand_eye", options=options, rig=rig))
+    return replace(
+        found,
+        findings=(*left_out, *found.findings),
+        provenance=made_by("hand_eye", options=options, rig=rig),
+    )
+
+
+def _of_folder(
+    folder: Path,
+    plan: PatternPlan | StrPath | None,
+    board: Board,
+    rig: Rig,
+    progress: Callable[[str], None],
+) -> dict[str, BoardView | InputError]:
+    """The corners in the captures or photographs of a folder by their names, or why not."""
+    found: dict[str, BoardView | InputError] = {}
+    for name, shown in _shown(folder, plan):
+        try:
+            found[name] = _view(shown, board, rig, name, progress)
+        except FileProblem:
+            raise
+        except InputError as error:
+            found[name] = error
+    return found
+
+
+def _shown(
+    folder: Path, plan: PatternPlan | StrPath | None
+) -> Iterator[tuple[str, Stack | NDArray[Any]]]:
+    if not is_folder(folder):
+        raise FileProblem(f"{folder}: expected a folder with the board views, got none")
+    stacks = plan is not None or is_file(folder / PLAN_FILE)
+    if stacks or any(is_folder(p) for p in folder.iterdir() if not p.name.startswith(".")):
+        yield from read_poses(folder, plan)
+        return
+    for path in images_of(folder):
+        yield path.name, read_frame(path)[0]
+
+
+def _paired(
+    poses: RobotPoses, seen: dict[str, BoardView | InputError], left_out: list[Finding]
+) -> tuple[RobotPoses, list[BoardView], tuple[str, ...]]:
+    """The poses of the views that show the board, with their names."""
+    stems = {name: Path(name).stem for name in seen}
+    number = {name: k for k, name in enumerate(poses.names)}
+    at = {name: number.get(name, number.get(stem)) for name, stem in stems.items()}
+    unknown = [name for name, k in at.items() if k is None]
+    if len(unknown) == len(seen):
+        # None of the names is that of a view: they are in the order of the views.
+        if len(poses) != len(seen):
+            raise InputError(
+                f"hand-eye: expected a robot pose for each of the {len(seen)} views, or poses with "
+                f"the names of the views, got {len(poses)}"
+            )
+        at = {name: k for k, name in enumerate(seen)}
+    elif unknown:
+        raise InputError(
+            f"hand-eye: expected a robot pose with the name of every view, got none for "
+            f"{', '.join(unknown[:MOST_NAMES])}"
+        )
+    kept = [name for name, view in seen.items() if isinstance(view, BoardView)]
+    for name, view in seen.items():
+        if isinstance(view, InputError):
+            text = str(view).removeprefix(f"{name}: ")
+            left_out.append(Finding("view", f"{name} was left out: {text}", frames=(name,)))
+    views = [view for view in seen.values() if isinstance(view, BoardView)]
+    return poses.at([at[name] or 0 for name in kept]), views, tuple(kept)
 
 
 def _view(

@@ -71,6 +71,9 @@ from .robot.readings import (
     RobotPoses as RobotPoses,
     robot_poses as robot_poses,
 )
+from .robot.base import (
+    in_base as in_base,
+)
 from .robot.hand_eye import (
     HandEye as HandEye,
 )

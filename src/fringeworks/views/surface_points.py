@@ -98,9 +98,9 @@ def surface_points(cloud: PointCloud, *, blur_px: float = USUAL_BLUR_PX) -> Surf
     Returns
     -------
     SurfacePoints in the coordinates of the cloud. σ along the ray becomes σ along the normal by the
-    cosine between the two. Where blur was not removed, the error by it is added. Points beside a missing
-    pixel or a step in depth are left out: their light is mixed with that of another surface or of a
-    shadow (``inside_surface``).
+    cosine between the two. Where blur was not removed, the error by it is added. Points beside a
+    missing pixel or a step in depth are left out: their light is mixed with that of another surface
+    or of a shadow (``inside_surface``).
 
     Raises
     ------

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from fringeworks.devices.opening import open_devices
+from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.files.rig import read_rig
 from fringeworks.files.setup import read_setup
 from fringeworks.patterns.plan import PatternPlan, Uniform
@@ -146,6 +147,10 @@ def find_exposure(link: Link, devices: tuple[str, str]) -> float | None:
         return auto_exposure(projector, camera).exposure_ms
 
 
+class _Stopped(Exception):
+    """The page has asked to stop while the devices were waited for."""
+
+
 def live_points(link: Link, devices: tuple[str, str], setup: str, rig: str) -> None:
     """Measure and send points until told to stop."""
     link.progress("opening the devices")
@@ -153,12 +158,28 @@ def live_points(link: Link, devices: tuple[str, str], setup: str, rig: str) -> N
     plan = along(stored.plan, main_axis(known))
     projector, camera = open_devices(*devices)
     numbers = itertools.count(1)
+
+    def reopen() -> tuple[Projector, Camera]:
+        if link.stopped():
+            raise _Stopped
+        projector, camera = open_devices(*devices)
+        camera.configure(stored.settings)
+        return projector, camera
+
     with projector, camera:
         camera.configure(stored.settings)
         link.progress("measuring")
         while True:
             try:
-                clouds = live(projector, camera, plan, known, delay=stored.delay)
+                clouds = live(
+                    projector,
+                    camera,
+                    plan,
+                    known,
+                    delay=stored.delay,
+                    reopen=reopen,
+                    progress=lambda said: link.show("moved", said),
+                )
                 for cloud in clouds:
                     every = thinning(cloud.points.reason.size, LIVE_POINTS)
                     packed = pack_surface(cloud.points, camera=known, every=every, title="live")
@@ -166,6 +187,8 @@ def live_points(link: Link, devices: tuple[str, str], setup: str, rig: str) -> N
                     link.show("cloud", {"number": number, "said": str(cloud), "data": packed.data})
                     if link.stopped():
                         return
+            except _Stopped:
+                return
             except FramesContradictPlan as moved:
                 # Something has moved between the frames; the next ones may be good.
                 link.show("moved", str(moved))

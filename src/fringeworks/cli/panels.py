@@ -18,7 +18,7 @@ PANELS = {
     "baseline-mm pitch-mm-per-px sign principal-px plane-coordinates plane-equation "
     "plane-sigma-mm period-px bright-px board "
     "turntable turn distortion model align datum-point datum-plane fit-box reach-mm tolerance-mm "
-    "scale in robot-pose poses-as robot-poses robot-noise mount",
+    "scale in robot-pose poses-as",
     "Method": "live method option against denoise zero response estimate-response estimate-steps "
     "relative phases unwrap contrast adjust kind min-period max-period camera-pixel robust",
     "Output": "out capture ply figure report json csv markdown timing force",
@@ -33,7 +33,6 @@ FIRST = {
     "deviation": "model rig tolerance-mm align figure",
     "light": "plan contrast out figure json",
     "measure": "rig depth out ply figure",
-    "hand-eye": "robot-poses rig board mount out",
     "plan": "frames projector-size setup rig out",
     "reconstruct": "reference object method out figure",
     "response": "plan set camera-name projector-name out",

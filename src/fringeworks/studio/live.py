@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 from dataclasses import replace
+from functools import partial
 from io import BytesIO
 from typing import Any
 
@@ -28,7 +29,7 @@ from fringeworks.scan.poses import REGIONS, SIDES, PoseJudgement
 from fringeworks.studio.tasks import poses_of, thinning
 from fringeworks.studio.worker import Link
 from fringeworks.studio.workspace import Workspace
-from fringeworks.types import Axis, FramesContradictPlan
+from fringeworks.types import Axis, CameraSettings, FramesContradictPlan
 
 SHORTEST_S = 0.1
 """Shortest time between two live pictures, s."""
@@ -151,6 +152,17 @@ class _Stopped(Exception):
     """The page has asked to stop while the devices were waited for."""
 
 
+def _opened_again(
+    link: Link, devices: tuple[str, str], settings: CameraSettings
+) -> tuple[Projector, Camera]:
+    """Devices that had failed, with their settings."""
+    if link.stopped():
+        raise _Stopped
+    projector, camera = open_devices(*devices)
+    camera.configure(settings)
+    return projector, camera
+
+
 def live_points(link: Link, devices: tuple[str, str], setup: str, rig: str) -> None:
     """Measure and send points until told to stop."""
     link.progress("opening the devices")
@@ -158,14 +170,6 @@ def live_points(link: Link, devices: tuple[str, str], setup: str, rig: str) -> N
     plan = along(stored.plan, main_axis(known))
     projector, camera = open_devices(*devices)
     numbers = itertools.count(1)
-
-    def reopen() -> tuple[Projector, Camera]:
-        if link.stopped():
-            raise _Stopped
-        projector, camera = open_devices(*devices)
-        camera.configure(stored.settings)
-        return projector, camera
-
     with projector, camera:
         camera.configure(stored.settings)
         link.progress("measuring")
@@ -177,8 +181,8 @@ def live_points(link: Link, devices: tuple[str, str], setup: str, rig: str) -> N
                     plan,
                     known,
                     delay=stored.delay,
-                    reopen=reopen,
-                    progress=lambda said: link.show("moved", said),
+                    reopen=partial(_opened_again, link, devices, stored.settings),
+                    progress=partial(link.show, "moved"),
                 )
                 for cloud in clouds:
                     every = thinning(cloud.points.reason.size, LIVE_POINTS)

@@ -14,6 +14,8 @@ from fringeworks.types.frozen import Frozen
 
 Mount = Literal["hand", "base"]
 """Where the camera is fixed: "hand" on the robot's flange, "base" beside the robot."""
+FARTHEST_MM = 1e9
+"""Largest distance of a robot's frames, mm: beyond it, double precision holds no nanometre."""
 RIGID_TOLERANCE = 1e-6
 """Largest deviation of RᵀR from the identity, as for the pose of a rig's projector."""
 
@@ -25,10 +27,12 @@ def check_rigid(T: FloatMap, name: str) -> FloatMap:
     ------
     InputError for an array that is no rotation and translation.
     """
-    found = np.asarray(T, np.float64)
-    if found.shape != (4, 4) or not np.isfinite(found).all():
-        raise InputError(f"{name}: expected a finite (4, 4) transform, got shape {found.shape}")
+    found = _numbers(T, (4, 4))
+    if found is None:
+        raise InputError(f"{name}: expected a finite (4, 4) transform, got {np.shape(T)}")
     turn = found[:3, :3]
+    if np.abs(turn).max() > 1.0 + RIGID_TOLERANCE or np.abs(found[:3, 3]).max() > FARTHEST_MM:
+        raise InputError(f"{name}: expected a rotation and a translation, got another matrix")
     off = np.abs(turn @ turn.T - np.eye(3)).max()
     if off > RIGID_TOLERANCE or np.linalg.det(turn) < 0 or (found[3] != (0, 0, 0, 1)).any():
         raise InputError(f"{name}: expected a rotation and a translation, got another matrix")
@@ -44,10 +48,18 @@ def check_pose_covariance(covariance: FloatMap | None, name: str) -> FloatMap | 
     """
     if covariance is None:
         return None
-    found = np.asarray(covariance, np.float64)
-    if found.shape != (6, 6) or not np.isfinite(found).all() or (np.diag(found) < 0).any():
-        raise InputError(f"{name}: expected a finite (6, 6) covariance, got shape {found.shape}")
+    found = _numbers(covariance, (6, 6))
+    if found is None or (np.diag(found) < 0).any() or np.abs(found).max() > FARTHEST_MM**2:
+        raise InputError(f"{name}: expected a finite (6, 6) covariance, got {np.shape(covariance)}")
     return found
+
+
+def _numbers(values: object, shape: tuple[int, int]) -> FloatMap | None:
+    """Values in double precision; None for another shape, other types, and without a limit."""
+    found = np.asarray(values)
+    if found.dtype.kind not in "fiu" or found.shape != shape or not np.isfinite(found).all():
+        return None
+    return found.astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -169,11 +169,12 @@ class PointCloud(Noted, Sectioned, Labelled, Frozen):
         xyz, sigma = np.empty_like(self.xyz_mm), self.sigma_mm
         if known is not None:
             sigma = np.empty_like(self.sigma_mm)
-        for row, points in enumerate(self.xyz_mm):
-            arms = points.astype(np.float64) @ T[:3, :3].T
-            xyz[row] = arms + T[:3, 3]
-            if known is not None:
-                sigma[row] = np.hypot(self.sigma_mm[row], pose_sigma_mm(known, arms))
+        with np.errstate(invalid="ignore", over="ignore"):
+            for row, points in enumerate(self.xyz_mm):
+                arms = points.astype(np.float64) @ T[:3, :3].T
+                xyz[row] = arms + T[:3, 3]
+                if known is not None:
+                    sigma[row] = np.hypot(self.sigma_mm[row], pose_sigma_mm(known, arms))
         return replace(self, xyz_mm=xyz, sigma_mm=sigma, placement=placement)
 
     def in_camera(self) -> PointCloud:
@@ -182,8 +183,9 @@ class PointCloud(Noted, Sectioned, Labelled, Frozen):
             return self
         T = self.placement.T_frame_camera
         xyz = np.empty_like(self.xyz_mm)
-        for row, points in enumerate(self.xyz_mm):
-            xyz[row] = (points.astype(np.float64) - T[:3, 3]) @ T[:3, :3]
+        with np.errstate(invalid="ignore", over="ignore"):
+            for row, points in enumerate(self.xyz_mm):
+                xyz[row] = (points.astype(np.float64) - T[:3, 3]) @ T[:3, :3]
         return replace(self, xyz_mm=xyz, placement=None)
 
     @property

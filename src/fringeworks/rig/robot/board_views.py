@@ -13,7 +13,8 @@ from fringeworks.rig.calibration.parameters import DEVICE_SIZE, POSE_SIZE, moved
 from fringeworks.rig.calibration.residuals import point_by_pose
 from fringeworks.rig.calibration.start import first_pose_of
 from fringeworks.rig.pinhole import pose, project_with_derivatives, rotation, transform
-from fringeworks.types import FloatMap, Frozen, InputError, Pinhole, Rig
+from fringeworks.types import MOST_PX, FloatMap, Frozen, InputError, Pinhole, Rig
+from fringeworks.types.packages import cv2
 
 MAX_STEPS = 40
 """Largest number of Gauss–Newton steps for a pose; fewer than ten are usual."""
@@ -109,19 +110,30 @@ class _Fit:
 
 def _fitted(view: BoardView, board: Board, camera: Pinhole, name: str) -> _Fit:
     """The pose of a board; of the two that a flat board seen from afar has, the one that fits."""
-    index = np.asarray(view.index)
+    index, pixels = np.asarray(view.index), np.asarray(view.pixels)
+    real = pixels.dtype.kind in "fiu" and index.dtype.kind in "iu"
+    if index.ndim != 1 or pixels.shape != (len(index), 2) or not real:
+        raise InputError(
+            f"{name}: expected numbers (m) and pixels (m, 2) of corners, got {index.dtype} "
+            f"{index.shape} and {pixels.dtype} {pixels.shape}"
+        )
     if len(index) < MIN_CORNERS:
         raise InputError(f"{name}: expected {MIN_CORNERS} corners or more, got {len(index)}")
+    pixels = pixels.astype(np.float64)
+    if not np.abs(pixels).max() < MOST_PX:
+        raise InputError(f"{name}: expected corners in a frame, got some outside or not finite")
     if index.min() < 0 or index.max() >= len(board.points_mm):
         raise InputError(
             f"{name}: expected corners of a board of {len(board.points_mm)}, got number "
             f"{int(index.max())}"
         )
     points = board.points_mm[index]
-    start = first_pose_of(points, view.pixels, camera)
-    fits = [
-        _refined(points, view.pixels, camera, T) for T in (start, _tilted_otherwise(start, points))
-    ]
+    try:
+        start = first_pose_of(points, pixels, camera)
+        starts = (start, _tilted_otherwise(start, points))
+        fits = [_refined(points, pixels, camera, T) for T in starts]
+    except (cv2.error, np.linalg.LinAlgError):  # corners on a line, or in one place
+        fits = []
     good = [f for f in fits if f is not None]
     if not good:
         raise InputError(f"{name}: expected corners that a pose of the board explains, got others")

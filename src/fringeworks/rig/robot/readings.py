@@ -28,6 +28,8 @@ MM_PER_M = 1000.0
 NORM_TOLERANCE = 1e-3
 """Largest deviation of a quaternion's length from 1, and of a matrix from a rotation. Panels show
 four digits."""
+LARGEST = 1e9
+"""Largest number of a pose: 1000 km in mm."""
 FULL_TURN_RAD = 2.0 * np.pi
 """Largest angle in rad that a robot states. Larger numbers are degrees."""
 ROUNDING_RAD = 1e-3
@@ -209,12 +211,16 @@ class RobotPoses(Frozen):
     """Readings that the numbers allow; more than one where the file does not say enough."""
 
     def __post_init__(self) -> None:
-        values = np.asarray(self.values, np.float64)
-        if values.ndim != 2 or values.shape[1] not in SHAPES or not np.isfinite(values).all():
+        values = np.asarray(self.values)
+        real = values.dtype.kind in "fiu" and np.isfinite(values).all()
+        if values.ndim != 2 or values.shape[1] not in SHAPES or not len(values) or not real:
             raise InputError(
                 "robot poses: expected finite numbers, 6, 7, 12 or 16 for each pose, got shape "
                 f"{values.shape}"
             )
+        values = values.astype(np.float64)
+        if np.abs(values).max() > LARGEST:
+            raise InputError(f"robot poses: expected numbers up to {LARGEST:g}, got larger ones")
         if self.names and len(self.names) != len(values):
             raise InputError(f"robot poses: expected {len(values)} names, got {len(self.names)}")
         object.__setattr__(self, "values", values)
@@ -282,7 +288,9 @@ def robot_poses(values: Any, poses_as: str = "", *, names: Iterable[str] = ()) -
     [600.0, 0.0, 400.0]
     """
     try:
-        numbers = np.asarray(values, np.float64)
+        numbers = np.asarray(values)
+        if numbers.dtype.kind not in "fiu":
+            raise TypeError
     except (TypeError, ValueError) as error:
         raise InputError(f"robot poses: expected numbers, got {type(values).__name__}") from error
     if numbers.ndim == 3 and numbers.shape[1:] == (4, 4):

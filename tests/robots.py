@@ -89,10 +89,12 @@ def robot(
     corner_px=CORNER_PX,
     places=None,
     straight: bool = False,
+    draw: int = 0,
 ) -> Robot:
     """A random set-up: where camera and board are, the robot's poses with noise, the corners.
 
     ``straight``: the first pose of a camera in the hand is the base itself, without a turn.
+    ``draw``: which noise of the same set-up.
     """
     rng = np.random.default_rng(seed)
     reach = (600.0, 600.0, 400.0) if mount == "hand" else (100.0, 100.0, 100.0)
@@ -104,7 +106,9 @@ def robot(
         Y = X @ places[0]
     board, camera = fw.rig.parse_board(BOARD), the_rig().camera
     poses, views = [], []
-    for T in board_places(rng, count) if places is None else places:
+    places = board_places(rng, count) if places is None else places
+    rng = np.random.default_rng([seed, draw])
+    for T in places:
         G = X @ T @ inverse(Y)
         B = inverse(G) if mount == "hand" else G
         turn = rng.normal(size=3) * np.radians(noise[1])

@@ -90,6 +90,7 @@ def robot(
     places=None,
     straight: bool = False,
     draw: int = 0,
+    board: str = BOARD,
 ) -> Robot:
     """A random set-up: where camera and board are, the robot's poses with noise, the corners.
 
@@ -104,7 +105,7 @@ def robot(
         X[:3, 3] = rng.uniform(-1.0, 1.0, 3) * (600.0, 600.0, 400.0)
     if straight:
         Y = X @ places[0]
-    board, camera = fw.rig.parse_board(BOARD), the_rig().camera
+    known, camera = fw.rig.parse_board(board), the_rig().camera
     poses, views = [], []
     places = board_places(rng, count) if places is None else places
     rng = np.random.default_rng([seed, draw])
@@ -113,7 +114,7 @@ def robot(
         B = inverse(G) if mount == "hand" else G
         turn = rng.normal(size=3) * np.radians(noise[1])
         poses.append(pose(rotation(turn) @ B[:3, :3], B[:3, 3] + rng.normal(size=3) * noise[0]))
-        pixels = project(camera, transform(T, board.points_mm))
+        pixels = project(camera, transform(T, known.points_mm))
         index = np.flatnonzero(_inside(pixels))
         seen = pixels[index] + rng.normal(size=(len(index), 2)) * corner_px
         views.append(fw.rig.BoardView(index, seen))

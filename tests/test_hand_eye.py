@@ -172,3 +172,19 @@ def test_readings_that_fit_equally_are_both_named():
         made.calibrated(poses)
     found = made.calibrated(fw.rig.robot_poses(poses.values, "fanuc"))
     assert np.abs(made.error(found.robot.T_mount_camera) / found.sigma).max() < 4
+
+
+@pytest.mark.parametrize("half", [3, 8])
+def test_a_board_that_looks_the_same_after_half_a_turn(half):
+    """Views in which it was recognised turned are found, which are fewer or more than the others."""
+    board = fw.rig.parse_board("chessboard:11x9:10")
+    made = robot(950, 11, board=board.name)
+    for view in made.views[:half]:
+        object.__setattr__(view, "index", len(board.points_mm) - 1 - view.index)
+    found = fw.rig.hand_eye(
+        made.T_base_flange, made.views, board, the_rig(), mount="hand", noise=NOISE
+    )
+    assert found.used.all()
+    assert np.abs(made.error(found.robot.T_mount_camera) / found.sigma).max() < 4
+    turned = next(f for f in found.findings if f.kind == "half a turn")
+    assert len(turned.frames) == min(half, 11 - half)

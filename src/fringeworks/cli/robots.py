@@ -73,10 +73,9 @@ class RobotOptions:
         return replace(found, points=fw.rig.in_base(found.points, rig, pose))
 
     def _pose(self, given: str, name: str) -> RobotPoses:
-        path = Path(given)
-        if not output.is_there(path):
+        if not output.is_there(given):
             return fw.files.parse_robot_pose(given, self.poses_as)
-        poses = fw.files.read_robot_poses(path, self.poses_as)
+        poses = fw.files.read_robot_poses(given, self.poses_as)
         if len(poses) == 1:
             return poses
         names = [one for one in (name, Path(name).stem) if one in poses.names]

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.images import read_frame
 from fringeworks.files.limits import is_file, is_folder
+from fringeworks.files.plan import PLAN_FILE
 from fringeworks.files.robot_poses import read_robot_poses
-from fringeworks.files.stack import PLAN_FILE, images_of, read_poses
+from fringeworks.files.stack import images_of, read_poses
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.calibration.board_view import BoardView
@@ -141,7 +142,7 @@ def hand_eye(
         board_views = views
     elif plan is not None:
         raise InputError("plan: expected with a folder of captures, got it with views")
-    stated = noise if isinstance(noise, RobotNoise) or noise is None else RobotNoise(*noise)
+    stated = noise if isinstance(noise, RobotNoise) or noise is None else _noise(noise)
     views = [
         _view(shown, board, rig, names[k] if k < len(names) else f"pose {k + 1}", progress)
         for k, shown in enumerate(board_views)
@@ -153,6 +154,16 @@ def hand_eye(
         findings=(*left_out, *found.findings),
         provenance=made_by("hand_eye", options=options, rig=rig),
     )
+
+
+def _noise(given: Sequence[float]) -> RobotNoise:
+    try:
+        translation_mm, rotation_deg = given
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"noise: expected standard deviations in mm and degrees, got {given!r}"
+        ) from error
+    return RobotNoise(translation_mm, rotation_deg)
 
 
 def _of_folder(

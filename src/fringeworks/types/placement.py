@@ -104,7 +104,10 @@ def pose_sigma_mm(covariance: FloatMap, arms_mm: FloatMap) -> FloatMap:
 
     def product(a: int, b: int) -> FloatMap:
         terms = ((i, j) for i in range(6) for j in range(6) if C[i, j] != 0.0)
-        return sum((C[i, j] * rows[a][i] * rows[b][j] for i, j in terms), zero)
+        total = zero
+        for i, j in terms:
+            total = total + C[i, j] * rows[a][i] * rows[b][j]
+        return total
 
     xx, yy, zz = product(0, 0), product(1, 1), product(2, 2)
     xy, xz, yz = product(0, 1), product(0, 2), product(1, 2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,8 +12,8 @@ from fringeworks.rig.calibration.board_view import MIN_CORNERS, BoardView
 from fringeworks.rig.calibration.parameters import DEVICE_SIZE, POSE_SIZE, moved_pose
 from fringeworks.rig.calibration.residuals import point_by_pose
 from fringeworks.rig.calibration.start import first_pose_of
-from fringeworks.rig.pinhole import pose, project_with_derivatives, rotation, transform
-from fringeworks.types import MOST_PX, FloatMap, Frozen, InputError, Pinhole, Rig
+from fringeworks.rig.pinhole import pose, project_with_derivatives, rotation, skew, transform
+from fringeworks.types import MOST_PX, BoolMap, FloatMap, Frozen, InputError, Pinhole, Rig
 from fringeworks.types.packages import cv2
 
 MAX_STEPS = 40
@@ -42,11 +42,13 @@ class SeenBoards(Frozen):
     """Mean of the board's corners, (3,), mm."""
     radius_mm: float
     """Root mean square distance of the corners from it, mm."""
+    half_turn: bool = False
+    """Whether the board looks the same after half a turn, so that views may differ by it."""
 
     def __len__(self) -> int:
         return len(self.T_camera_board)
 
-    def at(self, kept: FloatMap) -> SeenBoards:
+    def at(self, kept: BoolMap) -> SeenBoards:
         """Some of the views."""
         return SeenBoards(
             self.T_camera_board[kept],
@@ -55,6 +57,23 @@ class SeenBoards(Frozen):
             self.scatter_px,
             self.middle_mm,
             self.radius_mm,
+            self.half_turn,
+        )
+
+    def turned(self, which: BoolMap) -> SeenBoards:
+        """The views, some of them with the board turned by half a turn about its middle."""
+        half = pose(np.diag([-1.0, -1.0, 1.0]), self.middle_mm * (2.0, 2.0, 0.0))
+        moved = self.T_camera_board @ half
+        # An error (ω, v) moves the other origin of the board by v + ω × R t.
+        lever = np.tile(np.eye(6), (len(self), 1, 1))
+        lever[:, 3:, :3] = -skew(moved[:, :3, 3] - self.T_camera_board[:, :3, 3])
+        covariance = lever @ self.covariance @ np.swapaxes(lever, 1, 2)
+        pick = which[:, None, None]
+        return replace(
+            self,
+            T_camera_board=np.where(pick, moved, self.T_camera_board),
+            covariance=np.where(pick, covariance, self.covariance),
+            by_camera=np.where(pick, lever @ self.by_camera, self.by_camera),
         )
 
 
@@ -96,7 +115,19 @@ def seen_boards(
         float(np.sqrt(pooled)),
         middle,
         float(np.sqrt(np.mean(np.sum((points - middle) ** 2, axis=1)))),
+        _symmetric(board),
     )
+
+
+def _symmetric(board: Board) -> bool:
+    """Whether half a turn takes the printed pattern to itself.
+
+    Colours of squares change sides with every row and column, and every other row of an asymmetric
+    grid is shifted.
+    """
+    if board.kind == "chessboard":
+        return (board.columns + board.rows) % 2 == 0
+    return board.kind == "circles" or (board.kind == "asymmetric-circles" and board.rows % 2 == 0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 
 from fringeworks.rig.robot.board_views import SeenBoards
 from fringeworks.rig.robot.estimate import Data, solved
-from fringeworks.rig.robot.fit import MOST_MM, Fit, fitted
+from fringeworks.rig.robot.fit import MOST_MM, Fit, fitted, started
 from fringeworks.rig.robot.motion import FLOOR_DEG, check_motion
 from fringeworks.rig.robot.readings import (
     SHAPES,
@@ -20,7 +20,6 @@ from fringeworks.rig.robot.readings import (
     inverses,
     readings_of,
 )
-from fringeworks.rig.robot.start import robust_start
 from fringeworks.types import FloatMap, InputError, Mount, RobotNoise
 
 UNLIKELY = 0.01
@@ -118,9 +117,7 @@ def _fits(
     """Fits of the readings that have one, and why the last of the others has none."""
     scores = []
     for _, T in readings:
-        G = Data(T, seen, mount).motions
-        found = robust_start(G, seen.T_camera_board, seen.middle_mm, seen.radius_mm)
-        scores.append(float(np.median(found[2])))
+        scores.append(float(np.median(started(Data(T, seen, mount))[2])))
     limit = min(HOPELESS * max(min(scores), 0.1), HOPELESS_MM)
     fits, last = [], None
     for (reading, T), score in zip(readings, scores, strict=True):

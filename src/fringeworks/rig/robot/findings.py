@@ -18,7 +18,7 @@ LARGE_DEG = 0.3
 def findings_of(found: Chosen, names: tuple[str, ...], rig: Rig) -> tuple[Finding, ...]:
     """Findings of a hand–eye calibration, by what they concern."""
     fit = found.fit
-    findings = [*_outliers(fit, names), *_noise(fit), *_reading(found)]
+    findings = [*_outliers(fit, names), *_turned(fit, names), *_noise(fit), *_reading(found)]
     if rig.covariance is None:
         findings.append(
             Finding(
@@ -49,13 +49,24 @@ def _outliers(fit: Fit, names: tuple[str, ...]) -> list[Finding]:
                 (
                     "the robot or the board moved while the view was taken",
                     "pose and view are of different moments",
-                    "the board was recognised turned by half a turn",
                 ),
                 frames=(names[k],),
                 figures={"distance_mm": off, "sigma_mm": sigma},
             )
         )
     return found
+
+
+def _turned(fit: Fit, names: tuple[str, ...]) -> list[Finding]:
+    which = [names[k] for k in np.flatnonzero(fit.turned)]
+    if not which:
+        return []
+    what = (
+        f"the board looks the same after half a turn; in {', '.join(which)} it was recognised "
+        "turned, which was corrected"
+    )
+    advice = "take a board with one odd and one even count"
+    return [Finding("half a turn", what, advice=advice, frames=tuple(which), severity="note")]
 
 
 def _noise(fit: Fit) -> list[Finding]:

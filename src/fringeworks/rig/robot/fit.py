@@ -19,7 +19,7 @@ from fringeworks.rig.robot.estimate import (
     solved_with_noise,
 )
 from fringeworks.rig.robot.motion import FLOOR_DEG, MIN_POSES, check_motion
-from fringeworks.rig.robot.start import robust_start
+from fringeworks.rig.robot.start import distances_mm, robust_start
 from fringeworks.types import BoolMap, FloatMap, InputError, RobotNoise
 
 FALSE_ALARM = 1e-4
@@ -53,6 +53,8 @@ class Fit:
     """The noise that was stated."""
     contradicted: bool
     """Whether the residuals are larger than the stated noise explains."""
+    turned: BoolMap
+    """(n,), True for views in which the board was recognised turned by half a turn."""
 
     @property
     def freedom(self) -> int:
@@ -90,8 +92,11 @@ def fitted(data: Data, stated: RobotNoise | None) -> Fit:
     together.
     """
     check_motion(data.motions, FLOOR_DEG if stated is None else stated.rotation_deg, data.mount)
-    seen = data.seen
-    X, Y, distance = robust_start(data.motions, seen.T_camera_board, seen.middle_mm, seen.radius_mm)
+    X, Y, distance = started(data)
+    turned = _half_turned(data, X, Y, distance)
+    if turned.any():
+        data = Data(data.T_base_flange, data.seen.turned(turned), data.mount)
+        X, Y, distance = started(data)
     used = distance <= GENEROUS * np.median(distance)
     least = max(MIN_POSES, len(used) // 2 + 1)
     for _ in range(ROUNDS):
@@ -109,9 +114,25 @@ def fitted(data: Data, stated: RobotNoise | None) -> Fit:
         if np.count_nonzero(used) < least:
             break
         X, Y = solution.X, solution.Y
-    fit = Fit(data, used, solution, others, stated, contradicted)
+    fit = Fit(data, used, solution, others, stated, contradicted, turned)
     _check(fit, least)
     return fit
+
+
+def started(data: Data) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """Both transforms, and the distance of every pose; see ``robust_start``."""
+    seen = data.seen
+    return robust_start(data.motions, seen.T_camera_board, seen.middle_mm, seen.radius_mm)
+
+
+def _half_turned(data: Data, X: FloatMap, Y: FloatMap, distance: FloatMap) -> BoolMap:
+    """Views that fit better with the board turned by half a turn, where nothing tells its sides."""
+    seen = data.seen
+    if not seen.half_turn:
+        return np.zeros(len(seen), bool)
+    other = seen.turned(np.ones(len(seen), bool)).T_camera_board
+    turned = distances_mm(X[None], Y[None], data.motions, other, seen.middle_mm, seen.radius_mm)
+    return np.asarray(turned[0] < distance)
 
 
 def _check(fit: Fit, least: int) -> None:

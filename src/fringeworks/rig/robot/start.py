@@ -6,6 +6,7 @@ from itertools import combinations, islice
 from math import comb
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fringeworks.rig.robot.readings import inverses
 from fringeworks.types import FloatMap
@@ -79,7 +80,7 @@ def rotation_vectors(R: FloatMap) -> FloatMap:
     return np.asarray(axis * angle[..., None])
 
 
-def start_transforms(G: FloatMap, M: FloatMap, sets: FloatMap) -> tuple[FloatMap, FloatMap]:
+def start_transforms(G: FloatMap, M: FloatMap, sets: NDArray[np.intp]) -> tuple[FloatMap, FloatMap]:
     """Solve M = X⁻¹ G Y for many sets of poses.
 
     Parameters
@@ -114,7 +115,7 @@ def _inverse(T: FloatMap) -> FloatMap:
     return inverses(T.reshape(-1, 4, 4)).reshape(T.shape)
 
 
-def sets_of(n: int) -> FloatMap:
+def sets_of(n: int) -> NDArray[np.intp]:
     """Sets of poses to start from, (s, k): all of them, or a choice."""
     size = min(SET_SIZE, n)
     if comb(n, size) <= MOST_SETS:
@@ -135,7 +136,7 @@ def distances_mm(
     turn = seen[..., :3, :3] - held[..., :3, :3]
     shift = turn @ middle + seen[..., :3, 3] - held[..., :3, 3]
     squares = np.sum(shift**2, axis=-1) + radius**2 / 3.0 * np.sum(turn**2, axis=(-1, -2))
-    return np.sqrt(squares)
+    return np.asarray(np.sqrt(squares))
 
 
 def robust_start(

@@ -24,6 +24,7 @@ from fringeworks.report.sheets import REASONS, SIGMA, Panel, Sheet, map_facts, t
 from fringeworks.report.summary import failures, finding_words, origin, told
 from fringeworks.surface.cloud import normals
 from fringeworks.types import (
+    CAMERA_FRAME,
     FloatMap,
     HeightMap,
     InputError,
@@ -205,6 +206,7 @@ def cloud_figures(cloud: PointCloud) -> dict[str, Any]:
     axes = [cloud.xyz_mm[..., k] for k in range(3)]
     return {
         "shape": list(cloud.shape),
+        "frame": cloud.frame,
         "points": count,
         "failed_fraction": cloud.failed_fraction,
         "reasons": count_reasons(cloud.reason),
@@ -233,7 +235,9 @@ def cloud_words(_: object, figures: dict[str, Any]) -> Iterator[Word]:
         span = ", ".join(
             f"{name} {a:.2f} … {b:.2f}" for name, a, b in zip("xyz", low, high, strict=True)
         )
-        yield f"{figures['points']} points: {span} mm"
+        frame = figures.get("frame", CAMERA_FRAME)
+        place = "" if frame == CAMERA_FRAME else f" in coordinates of {frame}"
+        yield f"{figures['points']} points{place}: {span} mm"
         yield (
             f"median σ {figures['median_sigma_mm']:.4f} mm, of which noise "
             f"{figures['median_noise_mm']:.4f} mm"

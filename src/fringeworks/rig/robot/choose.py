@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks.rig.robot.board_views import SeenBoards
-from fringeworks.rig.robot.estimate import Data, solved
+from fringeworks.rig.robot.estimate import CONTRADICT, Data, solved
 from fringeworks.rig.robot.fit import MOST_MM, Fit, fitted, started
 from fringeworks.rig.robot.motion import FLOOR_DEG, check_motion
 from fringeworks.rig.robot.readings import (
@@ -162,7 +162,7 @@ def _refuse(
     tried = " or ".join(direct or [reading.text for reading in poses.readings])
     tried = tried if len(direct) <= MOST_TOLD else f"any of {len(known)} ways"
     if not fits:
-        if last is not None:
+        if last is not None and not str(last).startswith(CONTRADICT):
             raise last
         raise InputError(
             f"hand-eye: the robot's poses contradict the board views, read as {tried} and as all "

@@ -38,7 +38,8 @@ class Robot:
     def calibrated(self, poses=None, **options):
         given = self.T_base_flange if poses is None else poses
         known = {"mount": self.mount} | options
-        return fw.rig.hand_eye(given, self.views, BOARD, options.pop("rig", the_rig()), **known)
+        board = known.pop("board", BOARD)
+        return fw.rig.hand_eye(given, self.views, board, the_rig(), **known)
 
     def error(self, T) -> np.ndarray:
         """Rotation (rad) and translation (mm) from a result to the truth, (6,)."""

@@ -188,3 +188,22 @@ def test_a_board_that_looks_the_same_after_half_a_turn(half):
     assert np.abs(made.error(found.robot.T_mount_camera) / found.sigma).max() < 4
     turned = next(f for f in found.findings if f.kind == "half a turn")
     assert len(turned.frames) == min(half, 11 - half)
+
+
+def test_a_board_of_another_size_is_not_taken_for_noise():
+    made = robot(960)
+    found = made.calibrated(board="chessboard:11x8:12.03")
+    scale = next(f for f in found.findings if f.kind == "scale")
+    assert scale.figures["scale"] == pytest.approx(12 / 12.03, abs=4 * scale.figures["sigma"])
+    assert np.abs(made.error(found.robot.T_mount_camera) / found.sigma).max() < 4
+    assert not [f for f in made.calibrated().findings if f.kind == "scale"]
+    with pytest.raises(fw.InputError, match=r"the board has 9[56]\.\d+ ± .* % of its stated size"):
+        made.calibrated(board="chessboard:11x8:12.5")
+
+
+def test_poses_in_a_unit_that_is_no_reading_are_refused():
+    made = robot(961, 10, places=_turned(np.random.default_rng(962).normal(size=(10, 3)) * 0.05))
+    poses = made.T_base_flange.copy()
+    poses[:, :3, 3] *= 0.1  # cm
+    with pytest.raises(fw.InputError, match="contradict the board views"):
+        made.calibrated(poses)

@@ -32,6 +32,11 @@ HOPELESS_MM = 6.0 * MOST_MM
 """A median distance that no robot has, mm: with more, a reading is not fitted."""
 MOST_TOLD = 2
 """Largest number of readings that a message lists."""
+LARGE_MM = 1.0
+"""Robot noise from which on a warning is given, mm, and no reading counts as found: beyond it,
+robots of industry are not well calibrated, or poses are written otherwise."""
+LARGE_DEG = 0.3
+"""The same for rotations, degrees."""
 OPTION = "poses_as (--poses-as)"
 """Where the caller says how poses are written."""
 
@@ -81,10 +86,26 @@ def chosen(poses: RobotPoses, seen: SeenBoards, mount: Mount, stated: RobotNoise
             f"they are written: {OPTION} {' or '.join(r.spec for r in (best, *rivals))}; or turn "
             "the robot more between the poses"
         )
+    if len(open_readings) > 1:
+        _check_found(best, fit)
     if best.inverse and not all(reading.inverse for reading in poses.readings):
         _refuse_inverse(best, mount)
     more, second = compared[0] if compared else (math.inf, None)
     return Chosen(best, fit, len(open_readings), second, more)
+
+
+def _check_found(best: Reading, fit: Fit) -> None:
+    """Refuse the best of several readings where it leaves more than robots deviate by."""
+    noise = fit.noise
+    large = noise.translation_mm > LARGE_MM or noise.rotation_deg > LARGE_DEG
+    if not (fit.contradicted or large):
+        return
+    known = f"the stated noise of {fit.stated}" if fit.contradicted else "what robots deviate by"
+    raise InputError(
+        f"hand-eye: no reading of the robot's poses explains the board views within {known}; the "
+        f"best, {best.text}, leaves {noise}; say how they are written ({OPTION}), or state a "
+        "larger noise"
+    )
 
 
 def chosen_of_transforms(

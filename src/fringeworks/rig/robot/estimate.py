@@ -35,6 +35,8 @@ MAX_NOISE_STEPS = 60
 a variance negative."""
 LEAST_INFORMATION = 1e-100
 """Lower bound of the information about a parameter, so that nothing is divided by 0."""
+SMALLEST_SCALE = 1e-3
+"""Smallest factor of the robot's translations: millimetres read as metres."""
 FARTHEST_MM = 1e6
 """Distance of camera and board from the robot, mm, at which an adjustment has diverged: 1 km."""
 HOPELESS_NOISE = RobotNoise(100.0, 20.0)
@@ -243,6 +245,38 @@ def _scored(data: Data, found: Solution) -> FloatMap:
         # A variance may fall by a factor of ten at most, so that it stays above 0.
         new[k] = min(max(new[k], 0.1 * old[k]), 100.0 * old[k])
     return np.repeat(new, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """Size of the board by the robot's motions."""
+
+    value: float
+    """Over its stated size; 1 where poses and views are in the same unit."""
+    sigma: float
+    chi2: float
+    """By how much the weighted squares fall with it."""
+    shift: FloatMap
+    """By how much it changes the errors of X and Y, (12,)."""
+
+
+def scale_of(data: Data, found: Solution) -> Scale:
+    """Estimate one factor of all translations of the robot beside the transforms.
+
+    A board of another size, and poses in another unit, look like noise of poses that move little.
+    """
+    made = equations(data, found.X, found.Y)
+    white = whitened(data, made, found.variances)
+    by = np.zeros_like(made.r)
+    by[:, 3:] = data.motions[:, :3, 3] @ found.X[:3, :3]
+    q, leftover = by.ravel(), white.leftover
+    information = max(float(q @ leftover @ q), LEAST_INFORMATION)
+    more = float(q @ leftover @ white.r) / information
+    shift = -more * (white.covariance @ (white.J.T @ (white.inverse @ q)))
+    # A longer way of the robot is a smaller board.
+    size = 1.0 / max(1.0 + more, SMALLEST_SCALE)
+    sigma = size**2 / np.sqrt(information)
+    return Scale(size, float(sigma), more**2 * information, shift)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from fringeworks.rig.robot.choose import UNLIKELY, Chosen
+from fringeworks.rig.robot.choose import LARGE_DEG, LARGE_MM, UNLIKELY, Chosen
 from fringeworks.rig.robot.fit import Fit
 from fringeworks.types import Finding, Rig
-
-LARGE_MM = 1.0
-"""Robot noise from which on a warning is given, mm: beyond it, robots of industry are not well
-calibrated, or poses are written otherwise."""
-LARGE_DEG = 0.3
-"""The same for rotations, degrees."""
 
 
 def findings_of(found: Chosen, names: tuple[str, ...], rig: Rig) -> tuple[Finding, ...]:
     """Findings of a hand–eye calibration, by what they concern."""
     fit = found.fit
-    findings = [*_outliers(fit, names), *_turned(fit, names), *_noise(fit), *_reading(found)]
+    findings = [*_outliers(fit, names), *_turned(fit, names), *_scale(fit), *_noise(fit)]
+    findings += _reading(found)
     if rig.covariance is None:
         findings.append(
             Finding(
@@ -67,6 +62,22 @@ def _turned(fit: Fit, names: tuple[str, ...]) -> list[Finding]:
     )
     advice = "take a board with one odd and one even count"
     return [Finding("half a turn", what, advice=advice, frames=tuple(which), severity="note")]
+
+
+def _scale(fit: Fit) -> list[Finding]:
+    if not fit.rescaled:
+        return []
+    size, sigma = 100.0 * fit.scale.value, 100.0 * fit.scale.sigma
+    return [
+        Finding(
+            "scale",
+            f"by the robot's translations, the board has {size:.4g} ± {sigma:.2g} % of its stated "
+            "size; σ holds the difference",
+            ("the print has another size", "the robot's arm is not well calibrated"),
+            "measure the board",
+            figures={"scale": fit.scale.value, "sigma": fit.scale.sigma},
+        )
+    ]
 
 
 def _noise(fit: Fit) -> list[Finding]:

@@ -9,12 +9,15 @@ import numpy as np
 from fringeworks._lazy import scipy
 from fringeworks.rig.calibration.parameters import POSE_SIZE
 from fringeworks.rig.robot.estimate import (
+    CONTRADICT,
     UNKNOWNS,
     Data,
     LeftOutPoses,
+    Scale,
     Solution,
     left_out,
     predicted,
+    scale_of,
     solved,
     solved_with_noise,
 )
@@ -32,6 +35,9 @@ MOST_MM = 5.0
 poses and views do not belong together."""
 MOST_DEG = 2.0
 """The same for rotations, degrees."""
+MOST_SCALE = 0.01
+"""Largest deviation of the board's size by the robot's motions from its stated one. Prints and arms
+are off by less; beyond it, a size or a unit is wrong."""
 START_NOISE = RobotNoise(0.1, 0.02)
 """Noise from which its estimate starts: usual for robots of industry."""
 ROUNDS = 20
@@ -55,6 +61,8 @@ class Fit:
     """Whether the residuals are larger than the stated noise explains."""
     turned: BoolMap
     """(n,), True for views in which the board was recognised turned by half a turn."""
+    scale: Scale
+    """Size of the board by the robot's motions."""
 
     @property
     def freedom(self) -> int:
@@ -70,6 +78,23 @@ class Fit:
     def noise(self) -> RobotNoise:
         """The robot's noise, stated or estimated."""
         return RobotNoise(*self.solution.noise)
+
+    @property
+    def rescaled(self) -> bool:
+        """Whether the poses contradict the stated size of the board."""
+        gain, freedom = self.scale.chi2, self.freedom
+        if self.estimated:
+            rest = max(self.solution.chi2 - gain, 1e-9) / max(freedom - 1, 1)
+            return bool(scipy.stats.f.sf(gain / rest, 1, max(freedom - 1, 1)) < FALSE_ALARM)
+        return bool(scipy.stats.chi2.sf(gain, 1) < FALSE_ALARM)
+
+    @property
+    def covariance(self) -> FloatMap:
+        """Of the errors of X and Y, (12, 12), with what an uncertain size of the board adds."""
+        total = self.widening * self.solution.covariance
+        if self.rescaled:
+            total = total + np.outer(self.scale.shift, self.scale.shift)
+        return np.asarray(total)
 
     @property
     def widening(self) -> float:
@@ -114,7 +139,8 @@ def fitted(data: Data, stated: RobotNoise | None) -> Fit:
         if np.count_nonzero(used) < least:
             break
         X, Y = solution.X, solution.Y
-    fit = Fit(data, used, solution, others, stated, contradicted, turned)
+    scale = scale_of(data.at(used), solution)
+    fit = Fit(data, used, solution, others, stated, contradicted, turned, scale)
     _check(fit, least)
     return fit
 
@@ -144,6 +170,12 @@ def _check(fit: Fit, least: int) -> None:
             f"hand-eye: the robot's poses contradict the board views: {count} of {len(fit.used)} "
             f"agree, and the median distance of the board is {median:.3g} mm; are they in the same "
             "order, and written as stated?"
+        )
+    if fit.rescaled and abs(fit.scale.value - 1.0) > MOST_SCALE:
+        raise InputError(
+            f"{CONTRADICT}: by the robot's translations, the board has "
+            f"{100.0 * fit.scale.value:.4g} ± {100.0 * fit.scale.sigma:.2g} % of its stated size; "
+            "measure the board, and check the unit of the poses"
         )
     data = fit.data.at(fit.used)
     of_corners = float(np.mean([np.trace(c[:3, :3]) for c in data.seen.covariance])) / 3.0

@@ -156,7 +156,7 @@ def _names(
 def _result(found: Chosen, seen: SeenBoards, names: tuple[str, ...], rig: Rig) -> HandEye:
     fit: Fit = found.fit
     solution = fit.solution
-    covariance = fit.widening * solution.covariance
+    covariance = fit.covariance
     robot = RobotFrame(
         fit.data.mount,
         solution.X,

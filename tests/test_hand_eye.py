@@ -207,3 +207,36 @@ def test_poses_in_a_unit_that_is_no_reading_are_refused():
     poses[:, :3, 3] *= 0.1  # cm
     with pytest.raises(fw.InputError, match="contradict the board views"):
         made.calibrated(poses)
+
+
+def test_sigma_holds_over_random_set_ups():
+    ratios = []
+    for seed in range(20):
+        for mount in MOUNTS:
+            made = robot(42_000 + seed, mount=mount)
+            for noise in (NOISE, None):
+                found = made.calibrated(noise=noise)
+                assert found.used.all()
+                ratios.append(made.error(found.robot.T_mount_camera) / found.sigma)
+    z = np.abs(ratios)
+    assert 0.60 < np.mean(z < 1) < 0.76
+    assert np.mean(z < 2) >= 0.92
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_errors_are_smaller_than_by_opencv(mount):
+    cv2 = pytest.importorskip("cv2")
+    if not hasattr(cv2, "calibrateHandEye"):
+        pytest.skip("the bindings of OpenCV 5.0 have no calibrateHandEye")
+    from benchmarks.hand_eye import errors, opencv_transforms
+
+    ours, theirs = [], []
+    for seed in range(12):
+        for draw in range(3):
+            made = robot(43_000 + seed, mount=mount, draw=draw)
+            ours.append(errors(made, made.calibrated(noise=NOISE).robot.T_mount_camera))
+            theirs.append([errors(made, T) for T in opencv_transforms(made)])
+    one = np.sqrt(np.mean(np.square(ours), axis=0))
+    others = np.sqrt(np.mean(np.square(theirs), axis=0))
+    assert (others > one).all()
+    assert (np.median(others, axis=0) > 1.05 * one).all()

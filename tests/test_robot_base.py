@@ -12,6 +12,7 @@ from fringeworks.rig.pinhole import pose, rotation, transform
 from fringeworks.types.placement import pose_sigma_mm
 from tests.surfaces import H, W, cloud_of
 
+
 def sphere_depth():
     """Depths of a ball that fills a part of the frame, mm."""
     y, x = np.mgrid[:H, :W]

@@ -104,9 +104,9 @@ def pose_sigma_mm(covariance: FloatMap, arms_mm: FloatMap) -> FloatMap:
 
     def product(a: int, b: int) -> FloatMap:
         terms = ((i, j) for i in range(6) for j in range(6) if C[i, j] != 0.0)
-        total = zero
+        total: FloatMap = zero
         for i, j in terms:
-            total = total + C[i, j] * rows[a][i] * rows[b][j]
+            total = np.asarray(total + C[i, j] * rows[a][i] * rows[b][j])
         return total
 
     xx, yy, zz = product(0, 0), product(1, 1), product(2, 2)

@@ -39,7 +39,7 @@ class Robot:
         given = self.T_base_flange if poses is None else poses
         known = {"mount": self.mount} | options
         board = known.pop("board", BOARD)
-        return fw.rig.hand_eye(given, self.views, board, the_rig(), **known)
+        return fw.rig.hand_eye(given, self.views, board, known.pop("rig", the_rig()), **known)
 
     def error(self, T) -> np.ndarray:
         """Rotation (rad) and translation (mm) from a result to the truth, (6,)."""
@@ -92,11 +92,12 @@ def robot(
     straight: bool = False,
     draw: int = 0,
     board: str = BOARD,
+    camera=None,
 ) -> Robot:
     """A random set-up: where camera and board are, the robot's poses with noise, the corners.
 
     ``straight``: the first pose of a camera in the hand is the base itself, without a turn.
-    ``draw``: which noise of the same set-up.
+    ``draw``: which noise of the same set-up. ``camera``: the real one, beside that of the rig.
     """
     rng = np.random.default_rng(seed)
     reach = (600.0, 600.0, 400.0) if mount == "hand" else (100.0, 100.0, 100.0)
@@ -106,7 +107,7 @@ def robot(
         X[:3, 3] = rng.uniform(-1.0, 1.0, 3) * (600.0, 600.0, 400.0)
     if straight:
         Y = X @ places[0]
-    known, camera = fw.rig.parse_board(board), the_rig().camera
+    known, camera = fw.rig.parse_board(board), camera or the_rig().camera
     poses, views = [], []
     places = board_places(rng, count) if places is None else places
     rng = np.random.default_rng([seed, draw])

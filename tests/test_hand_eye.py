@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -220,6 +222,30 @@ def test_sigma_holds_over_random_set_ups():
                 ratios.append(made.error(found.robot.T_mount_camera) / found.sigma)
     z = np.abs(ratios)
     assert 0.60 < np.mean(z < 1) < 0.76
+    assert np.mean(z < 2) >= 0.92
+
+
+def test_sigma_holds_where_the_calibration_of_the_camera_is_off():
+    off = np.array([1.0, 1.0, 0.6, 0.6, 2e-3, 5e-3, 1e-4, 1e-4, 0.0])
+    own, covariance = np.diag(off**2), np.zeros((24, 24))
+    own[0, 1] = own[1, 0] = 0.95
+    covariance[:9, :9] = own
+    rig, ratios = replace(the_rig(), covariance=covariance), []
+    for seed in range(30):
+        error = np.random.default_rng(seed).multivariate_normal(np.zeros(9), own)
+        values = rig.camera.parameters + error
+        real = replace(
+            rig.camera,
+            focal_px=tuple(values[:2]),
+            principal_px=tuple(values[2:4]),
+            distortion=tuple(values[4:]),
+        )
+        made = robot(44_000 + seed, mount=MOUNTS[seed % 2], camera=real)
+        found = made.calibrated(rig=rig, noise=NOISE)
+        assert found.used.all()
+        ratios.append(made.error(found.robot.T_mount_camera) / found.sigma)
+    z = np.abs(ratios)
+    assert 0.58 < np.mean(z < 1) < 0.78
     assert np.mean(z < 2) >= 0.92
 
 

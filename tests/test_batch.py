@@ -20,7 +20,7 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.cli.commands import run
-from fringeworks.report.control_chart import control_limits
+from fringeworks.evaluate.capability import control_limits
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from tests.grids import quick

@@ -302,7 +302,7 @@ def test_whole_periods_that_nothing_tells_do_not_hide_the_sigma_of_pixels():
     figures = height_figures(found)
     assert figures["median_sigma"] == pytest.approx(95.0)
     words = [str(word) for word in height_words(None, figures | {"findings": []})]
-    assert any("median σ 0.05 px, beside 95 px that all pixels share" in word for word in words)
+    assert any("median σ 0.050 px, beside 95 px that all pixels share" in word for word in words)
     panel = height_sheet(found, None).panels[1]
     np.testing.assert_allclose(panel.values, 0.05, rtol=1e-6)
     assert "95 px in common" in panel.title

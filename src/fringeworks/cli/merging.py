@@ -93,17 +93,20 @@ def merge(
             fw.files.write_merged_points(place, found.points, provenance=found.provenance)
         else:
             fw.files.write_mesh(place, solid)
+    from fringeworks.types.numbers import estimate, number, percent
+
     loop = found.closure
     if loop is not None and loop.directions:
-        words.say(
-            f"the loop closes to {loop.translation_mm:.4f} mm and {loop.rotation_deg:.4f}° "
-            f"(σ {loop.translation_sigma_mm:.4f} mm and {loop.rotation_sigma_deg:.4f}°)"
-        )
+        apart = estimate(loop.translation_mm, loop.translation_sigma_mm, "mm")
+        turned = estimate(loop.rotation_deg, loop.rotation_sigma_deg)
+        words.say(f"the loop closes to {apart} and ({turned})°")
     if found.blur_px is not None:
-        words.say(f"the error of a blur of {found.blur_px:.2f} px was removed")
+        words.say(f"the error of a blur of {number(found.blur_px)} px was removed")
     words.say(f"{len(found.points.xyz_mm)} points of {len(views)} views")
     if solid is not None:
         filled = 0.0 if solid.filled is None else float(solid.filled.mean())
-        words.say(f"{len(solid.faces)} triangles; {filled:.0%} of the surface was not measured")
+        words.say(
+            f"{len(solid.faces)} triangles; {percent(filled)} of the surface was not measured"
+        )
     words.found(found.findings)
     words.wrote(out)

@@ -38,6 +38,7 @@ from fringeworks.types import (
     made_by,
     sealed,
 )
+from fringeworks.types.numbers import number, percent
 from fringeworks.views.alignment import (
     REACH_SHARE,
     align_by_fit,
@@ -239,8 +240,8 @@ def deviation(
         near = mesh.nearest(placed, reach)
         if not (near.face >= 0).any():
             raise InputError(
-                f"model: expected points within {reach:.4g} mm of it, got none; align the part, or "
-                "check the unit of the model",
+                f"model: expected points within {number(reach)} mm of it, got none; align the "
+                "part, or check the unit of the model",
                 findings=alignment.findings,
             )
     extrapolates = not (isinstance(align, BestFit) and align.within is None)
@@ -270,7 +271,7 @@ def aligned(seen: MeasuredPart, mesh: MeshDistance, align: AlignBy, *, seed: int
         if (found.face < 0).any():
             raise InputError(
                 "datum planes: expected points on the model, got one that lies "
-                f"{REACH_SHARE:.0%} of its size or more from it"
+                f"{percent(REACH_SHARE)} of its size or more from it"
             )
         return align_planes(parts, found.point_mm, mesh.normals[found.face])
     start = align.start

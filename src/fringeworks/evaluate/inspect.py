@@ -43,6 +43,7 @@ from fringeworks.types import (
     found_before,
     sealed,
 )
+from fringeworks.types.numbers import estimate, limit, number
 from fringeworks.types.recipe import FROM_MODEL
 
 Verdict = Literal["pass", "fail", "undecided"]
@@ -69,9 +70,9 @@ class Check(Frozen):
 
     def __str__(self) -> str:
         low, high = self.tolerance.low, self.tolerance.high
-        limits = f"{'' if low is None else f'{low:g}'}…{'' if high is None else f'{high:g}'}"
-        value = f"{self.value:.5g} ± {self.sigma:.2g}"
-        return f"{self.tolerance.name}: {value} {self.unit} ({limits}): {self.verdict}"
+        limits = "…".join("" if one is None else limit(one) for one in (low, high))
+        value = estimate(self.value, self.sigma, self.unit)
+        return f"{self.tolerance.name}: {value} ({limits}): {self.verdict}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -216,10 +217,13 @@ def _checked(tolerance: PartTolerance, points: Callable[[str], AreaPoints], risk
 
 def _why_undecided(found: Quantified, risk: float) -> str:
     guard = NormalDist().inv_cdf(1.0 - risk) * found.sigma
-    noise = f", and {found.seen:.5g} with the noise of points" if found.noise else ""
+    noise = (
+        f", and {number(found.seen, found.sigma)} with the noise of points" if found.noise else ""
+    )
     return (
-        f"{found.value:.5g} {found.unit} lies within {guard:.2g} of a limit{noise}: reduce the "
-        "uncertainty, or widen the limits"
+        f"{number(found.value, found.sigma, found.unit)} lies within "
+        f"{number(guard, found.sigma)} of a limit{noise}: reduce the uncertainty, or widen the "
+        "limits"
     )
 
 

@@ -13,9 +13,9 @@ from fringeworks.report.sheets import (
     Panel,
     PanelKind,
     Sheet,
-    percent,
 )
 from fringeworks.types import FloatMap, PointCloud, Reason
+from fringeworks.types.numbers import number, percent, sigma_text
 
 MOST_DRAWN = 60_000
 """Largest number of points of a picture: more lie on top of each other."""
@@ -51,11 +51,11 @@ def facts_of(found: Deviation) -> str:
     figures = found.figures()
     parts = [
         f"{figures['points']:,} points",
-        f"mean {figures['mean_mm']:.3g} mm",
-        f"rms {figures['rms_mm']:.3g} mm",
+        f"mean {number(figures['mean_mm'], figures['mean_sigma_mm'])} mm",
+        f"rms {number(figures['rms_mm'])} mm",
     ]
     if figures["median_sigma_mm"] is not None:
-        parts.append(f"median σ {figures['median_sigma_mm']:.2g} mm")
+        parts.append(f"median σ {sigma_text(figures['median_sigma_mm'])} mm")
     parts.append(f"aligned by {found.alignment.by}")
     if figures["share_of_points"] < 1.0:
         parts.append(f"{percent(figures['share_of_points'])} within reach of the model")
@@ -82,8 +82,8 @@ def _of_points(title: str, found: Deviation) -> Picture:
     figure.suptitle(f"{title}\n{facts_of(found)}", fontsize=12)
     if small:
         figure.supxlabel(small, x=0.01, ha="left", fontsize=9)
-    for number, (name, values, kind) in enumerate(shown):
-        axes = figure.add_subplot(1, len(shown), number + 1)
+    for k, (name, values, kind) in enumerate(shown):
+        axes = figure.add_subplot(1, len(shown), k + 1)
         low, high = limits_of(kind, [values])
         drawn = axes.scatter(
             xyz[order] @ axes_of[0],

@@ -22,6 +22,7 @@ from fringeworks.report.drawing import (
 from fringeworks.report.maps import DPI, draw_map, draw_sheet, limits_of
 from fringeworks.report.sheets import Panel, PanelKind, Sheet
 from fringeworks.types import FloatMap, Provenance
+from fringeworks.types.numbers import number
 
 MAX_SURFACE_POINTS = 160
 """Mesh lines per side in perspective views; more is slow and looks no better."""
@@ -194,7 +195,7 @@ def bars(title: str, labels: Sequence[str], series: Mapping[str, Sequence[float]
     for k, (name, values) in enumerate(series.items()):
         position = np.arange(len(labels)) + (k - (len(series) - 1) / 2) * width
         drawn = axes.bar(position, values, width, label=name)
-        axes.bar_label(drawn, labels=[f"{v:.2g}" for v in values], fontsize=8)
+        axes.bar_label(drawn, labels=[number(v, digits=2) for v in values], fontsize=8)
     axes.set_yscale("log")
     axes.set_xticks(np.arange(len(labels)), labels)
     axes.set_ylabel("mm")
@@ -223,7 +224,7 @@ def best_map(title: str, cells: Sequence[Any]) -> Figure:
         r = lines.index(tuple(v for k, v in cell.scene.items() if k != "fringes"))
         c = columns.index(cell.scene["fringes"])
         index[r, c] = names.index(cell.best)
-        axes.text(c, r, f"{cell.error_mm:.2g}", ha="center", va="center", fontsize=7)
+        axes.text(c, r, number(cell.error_mm, digits=2), ha="center", va="center", fontsize=7)
     palette = ListedColormap(["#bfe3c6", *(f"C{k}" for k in range(len(names) - 1))])
     norm = BoundaryNorm(np.arange(len(names) + 1) - 0.5, max(len(names), 1))
     picture = axes.imshow(index, cmap=palette, norm=norm, aspect="auto", alpha=0.75)

@@ -10,8 +10,9 @@ import numpy as np
 
 from fringeworks.report.drawing import Axes, BoundaryNorm, Figure, ListedColormap, Patch
 from fringeworks.report.reason_words import REASON_COLOURS, REASON_WORDS
-from fringeworks.report.sheets import PanelKind, Sheet, percent
+from fringeworks.report.sheets import PanelKind, Sheet
 from fringeworks.types import ByteMap, FloatMap, Reason, reason_counts
+from fringeworks.types.numbers import percent
 
 DPI = 110
 """Dots per inch of a PNG: text of 10 points is then 15 px high, easily read at full size."""

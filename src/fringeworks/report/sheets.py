@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.types import Finding, FloatMap
+from fringeworks.types.numbers import percent, sigma_text
 
 UNMEASURED_WORDS = "hatched: not measured"
 """How pixels without a value look, in words."""
@@ -64,14 +65,7 @@ def map_facts(measured: float, sigma: FloatMap, unit: str, *more: str) -> str:
     """Size, share of measured pixels and usual σ in one line."""
     height, width = sigma.shape
     found = sigma[np.isfinite(sigma)]
-    usual = f"median σ {np.median(found):.2g} {unit}" if found.size else ""
+    usual = f"median σ {sigma_text(float(np.median(found)), unit)}" if found.size else ""
     words = UNMEASURED_WORDS if measured < 1.0 else ""
     parts = (f"{width} × {height} px", f"{percent(measured)} measured", usual, *more, words)
     return "   ·   ".join(part for part in parts if part)
-
-
-def percent(share: float) -> str:
-    """A share as percent, with enough digits to tell few from none and most from all."""
-    rest = 100.0 * min(share, 1.0 - share)
-    digits = 1 if rest <= 0.0 else max(1, int(np.ceil(-np.log10(rest))))
-    return f"{100.0 * share:.{digits}f} %"

@@ -24,6 +24,7 @@ from fringeworks.report.page.parts import (
 from fringeworks.report.sheets import titled
 from fringeworks.report.summary import origin, told
 from fringeworks.types import PointCloud, Reason
+from fringeworks.types.numbers import estimate, number, percent, sigma_text
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
@@ -31,6 +32,9 @@ if TYPE_CHECKING:
 
 MOST_SPOTS = 50
 """Dents and bumps that a page lists; with more, the model does not describe the part."""
+PLACE_MM = 0.1
+"""Standard deviation that places of spots are shown with, mm: a place is the middle of an area of
+some pixels, and is shown to 0.01 mm."""
 SPOT_COLUMNS = ("x / mm", "y / mm", "z / mm", "deviation / mm", "± σ", "area / mm²")
 """Columns of the table of dents and bumps."""
 
@@ -60,26 +64,26 @@ def figures(found: Deviation) -> dict[str, Any]:
 def words(found: Deviation, figures: dict[str, Any]) -> Iterator[Word]:
     """Mean, rms, dents and bumps, and the share outside a tolerance."""
     sigma = figures["mean_sigma_mm"]
-    mean = f"{figures['mean_mm']:.4f} mm" + ("" if sigma is None else f" ± {sigma:.2g}")
-    yield f"{figures['points']} points; mean {mean}; rms {figures['rms_mm']:.4f} mm"
+    mean = estimate(figures["mean_mm"], sigma, "mm")
+    yield f"{figures['points']} points; mean {mean}; rms {number(figures['rms_mm'], unit='mm')}"
     if figures["median_sigma_mm"] is not None:
-        yield f"median σ of a point {figures['median_sigma_mm']:.4f} mm"
+        yield f"median σ of a point {sigma_text(figures['median_sigma_mm'], 'mm')}"
         spots = find_spots(found)
         if spots:
             rows = [
                 [
-                    *(f"{v:.2f}" for v in spot.place_mm),
-                    f"{spot.depth_mm:+.4f}",
-                    f"{spot.sigma_mm:.2g}",
-                    f"{spot.area_mm2:.3g}",
+                    *(number(v, PLACE_MM) for v in spot.place_mm),
+                    number(spot.depth_mm, spot.sigma_mm, signed=True),
+                    sigma_text(spot.sigma_mm),
+                    number(spot.area_mm2),
                 ]
                 for spot in spots
             ]
             yield Rows(SPOT_COLUMNS, rows)
     if "outside_share" in figures:
         sure = figures["surely_outside_share"]
-        surely = "" if sure is None else f", {sure:.2%} surely (by 2 σ)"
-        yield f"{figures['outside_share']:.2%} outside the tolerance{surely}"
+        surely = "" if sure is None else f", {percent(sure)} surely (by 2 σ)"
+        yield f"{percent(figures['outside_share'])} outside the tolerance{surely}"
     yield from found.findings
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from fringeworks.evaluate.inspect import Check, Inspection
 from fringeworks.report.kind import Kind, Rows, Word, describe
 from fringeworks.report.summary import summarise, told
+from fringeworks.types.numbers import limit, number, sigma_text
 
 COLUMNS = ("tolerance", "value", "± σ", "limits", "verdict")
 """Columns of the table of checks."""
@@ -49,12 +50,11 @@ def words(inspection: Inspection, _: dict[str, Any]) -> Iterator[Word]:
 
 def _row(check: Check) -> list[str]:
     one = check.tolerance
-    low, high = ("" if v is None else f"{v:g}" for v in (one.low, one.high))
-    measured = check.value == check.value  # not NaN
+    low, high = ("" if v is None else limit(v) for v in (one.low, one.high))
     return [
         one.name,
-        f"{check.value:.5g} {check.unit}" if measured else "–",
-        f"{check.sigma:.2g}" if measured else "–",
+        number(check.value, check.sigma, check.unit),
+        sigma_text(check.sigma),
         f"{low} … {high}",
         f"{check.verdict}: {check.why}" if check.why else check.verdict,
     ]

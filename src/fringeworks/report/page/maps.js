@@ -2,6 +2,7 @@
 // cursor. They take the numbers that the viewer has unpacked.
 
 const SHOWN = ["cloud", "heights", "displacements", "coordinates", "sigma", "modulation", "albedo", "walls", "texture", "deviation", "reason"];
+const { decimals, fixed, number } = FringeViewer.numbers;
 const MOST_ZOOM = 64;
 const GAP = 0xffb0b0b0; // colour of pixels without a value
 
@@ -77,8 +78,9 @@ globalThis.FringeMaps = class {
     bar.style.background = `linear-gradient(to right, ${colours.join(", ")})`;
     const ends = document.createElement("div");
     ends.className = "ends";
+    const digits = decimals((high - low) / 10);
     for (const value of [low, (low + high) / 2, high]) {
-      ends.append(Object.assign(document.createElement("span"), { textContent: value.toPrecision(4) }));
+      ends.append(Object.assign(document.createElement("span"), { textContent: fixed(value, digits) }));
     }
     const whole = document.createElement("div");
     whole.append(bar, ends);
@@ -133,6 +135,12 @@ globalThis.FringeMaps = class {
     ];
   }
 
+  /** The σ that decides the digits of a value: the point's own, for σ itself and what it is of. */
+  digitsOf({ name, unit }, i) {
+    const own = unit === this.surface.header.unit && name !== "texture";
+    return own ? this.surface.sigma[i] : NaN;
+  }
+
   tell([x, y]) {
     const { width, height, reason, header } = this.surface;
     if (x < 0 || y < 0 || x >= width || y >= height) return;
@@ -140,7 +148,7 @@ globalThis.FringeMaps = class {
     const i = y * width + x;
     const values = this.maps
       .filter(({ layer }) => layer.name !== "reason" && Number.isFinite(layer.values[i]))
-      .map(({ layer, label }) => `${label} ${layer.values[i].toPrecision(5)} ${layer.unit}`);
+      .map(({ layer, label }) => `${label} ${number(layer.values[i], this.digitsOf(layer, i))} ${layer.unit}`);
     const { label, meaning, advice } = header.reasons[reason[i]];
     if (reason[i]) values.push(`no value (${label}): ${meaning}. ${advice}`);
     this.told.textContent = `Column ${x}, row ${y}: ${values.join(", ")}`;

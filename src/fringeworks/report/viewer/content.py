@@ -30,6 +30,7 @@ from fringeworks.types import (
     Rig,
     RigMismatch,
 )
+from fringeworks.types.numbers import number
 
 MAX_PIXELS = 8_000_000
 """Largest number of pixels that is packed. The page needs about 100 bytes for each, so that this is
@@ -173,7 +174,7 @@ def _check_camera(lattice: Lattice, points: FloatMap, sigma: FloatMap) -> None:
     if ratio.size and np.median(ratio) > MAX_BESIDE:
         raise RigMismatch(
             "camera: expected the camera that the cloud was taken with, got one whose rays pass "
-            f"the points at {np.nanmedian(beside):.3g} mm"
+            f"the points at {number(float(np.nanmedian(beside)))} mm"
         )
 
 

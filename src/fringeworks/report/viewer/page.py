@@ -28,6 +28,7 @@ MODULES = (
     "scene",
     "view",
     "tools",
+    "scale",
     "input",
     "viewer",
 )

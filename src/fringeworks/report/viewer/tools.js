@@ -4,10 +4,11 @@ import { LAYERS } from "./assets.js";
 import { fitRegion } from "./fit.js";
 import { distance, pointAt, profile } from "./measure.js";
 import { within } from "./mesh.js";
-import { decimals, make } from "./numbers.js";
+import { decimals, fixed, make, number, sigmaText } from "./numbers.js";
 
 const REACH_PX = [6, 40]; // how far from a point the cursor may be; more between sparse points
 const BEHIND = 1e6; // added to the distance of pixels without a value: measured ones come first
+const POINT_MM = 0.01; // σ whose digits places have that have none: whole micrometres
 const HINTS = {
   turn: "",
   distance: "Pick two points.",
@@ -80,13 +81,14 @@ export class Tools {
       const { label, meaning, advice } = header.reasons[reason[i]];
       return `${place}: no value (${label}): ${meaning}. What to do: ${advice}.`;
     }
-    const [x, y, z] = pointAt(surface, i).map((v) => v.toFixed(decimals(sigma[i])));
-    const known = Number.isNaN(sigma[i]) ? "unknown" : `${sigma[i].toPrecision(2)} ${unit}`;
+    const [x, y, z] = pointAt(surface, i).map((v) => number(v, sigma[i] || POINT_MM));
+    const known = Number.isNaN(sigma[i]) ? "unknown" : `${sigmaText(sigma[i])} ${unit}`;
     const parts = [`${place}: x ${x}, y ${y} ${lateral}, z ${z} ${unit}, σ ${known}`];
     for (const { name, values, packed, unit: own } of layers) {
       const { told, label } = LAYERS[name];
       if (!told || packed || Number.isNaN(values[i])) continue;
-      parts.push(`${label.toLowerCase()} ${values[i].toPrecision(4)} ${own}`);
+      const text = number(values[i], own === unit ? sigma[i] : NaN);
+      parts.push(`${label.toLowerCase()} ${text} ${own}`);
     }
     return parts.join(", ");
   }
@@ -111,11 +113,11 @@ export class Tools {
   tellDistance(surface) {
     const { metric, raster, unit, lateral_unit: lateral } = surface.header;
     const { length, offset, sigma } = distance(surface, ...this.picks);
-    const digits = decimals(sigma);
-    const spread = Number.isNaN(sigma) ? "" : ` ± ${sigma.toFixed(digits)}`;
+    const digits = decimals(sigma || POINT_MM);
+    const spread = Number.isNaN(sigma) ? "" : ` ± ${sigmaText(sigma)}`;
     const units = [lateral, lateral, unit];
-    const rows = units.map((own, k) => [`Δ${"xyz"[k]}`, `${offset[k].toFixed(digits)} ${own}`]);
-    if (metric) rows.unshift(["Distance", `${length.toFixed(digits)}${spread} ${unit}`]);
+    const rows = units.map((own, k) => [`Δ${"xyz"[k]}`, `${fixed(offset[k], digits)} ${own}`]);
+    if (metric) rows.unshift(["Distance", `${fixed(length, digits)}${spread} ${unit}`]);
     this.tell(rows);
     if (metric && raster) this.chart(profile(surface, ...this.picks), unit, digits);
   }
@@ -136,9 +138,9 @@ export class Tools {
     band.setAttribute("d", known.map(reach).join(""));
     const size = `${right - left || 1} ${high - low || 1e-9}`;
     ui.curves.setAttribute("viewBox", `${left} ${-high} ${size}`);
-    ui.chartTop.textContent = `Height over the line A–B: ${high.toFixed(digits)} ${unit}`;
-    ui.chartLow.textContent = low.toFixed(digits);
-    ui.chartEnd.textContent = `B, ${right.toFixed(digits)} ${unit}`;
+    ui.chartTop.textContent = `Height over the line A–B: ${fixed(high, digits)} ${unit}`;
+    ui.chartLow.textContent = fixed(low, digits);
+    ui.chartEnd.textContent = `B, ${fixed(right, digits)} ${unit}`;
     ui.chart.hidden = false;
   }
 
@@ -177,16 +179,15 @@ export class Tools {
     const { unit } = surface.header;
     const { points, normal, point, centre, radius, radiusSigma, deviation, range } = result;
     const digits = decimals(deviation);
-    const list = (values) => `${values.map((v) => v.toFixed(digits)).join(", ")} ${unit}`;
-    const spread = radiusSigma?.toPrecision(2);
+    const list = (values) => `${values.map((v) => fixed(v, digits)).join(", ")} ${unit}`;
     const rows = [
       ["Points", points.toLocaleString("en")],
-      ["Normal", normal?.map((v) => v.toFixed(5)).join(", ")],
+      ["Normal", normal?.map((v) => fixed(v, 5)).join(", ")],
       ["Point", point && list(point)],
       ["Centre", centre && list(centre)],
-      ["Radius", radius && `${radius.toFixed(digits + 1)} ± ${spread} ${unit}`],
-      ["Standard deviation", `${deviation.toPrecision(3)} ${unit}`],
-      ["Range of 99.7 %", `${range.toPrecision(3)} ${unit}`],
+      ["Radius", radius && `${number(radius, radiusSigma)} ± ${sigmaText(radiusSigma)} ${unit}`],
+      ["Standard deviation", `${number(deviation)} ${unit}`],
+      ["Range of 99.7 %", `${number(range)} ${unit}`],
     ];
     this.tell(rows.filter(([, text]) => text));
     const values = new Float32Array(surface.reason.length).fill(NaN);

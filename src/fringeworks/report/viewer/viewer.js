@@ -3,7 +3,8 @@
 import { LAYERS, SCALES, TEMPLATE, VIEWS } from "./assets.js";
 import { Input } from "./input.js";
 import { difference } from "./measure.js";
-import { decimals, filled, make, percent, spread } from "./numbers.js";
+import { decimals, filled, fixed, make, number, percent } from "./numbers.js";
+import { Scale } from "./scale.js";
 import { Scene } from "./scene.js";
 import { Tools } from "./tools.js";
 import { unpack } from "./unpack.js";
@@ -18,12 +19,15 @@ const STRIDES = [1, 2, 3, 4, 6, 8, 12, 16];
 const NARROW_PX = 760; // below this width the controls lie below the picture
 const STEPS = 1000; // of sliders
 const CLIP_REACH = 1.02; // of the sliders over half the box: beyond the outermost points
+const CLIP_STEP = 0.002; // of a step of the sliders over half the box
 const FAR = 1e9; // a plane that clips nothing, beyond every surface
 const AXIS_PX = 28;
 const BAR_PX = 180; // largest length of the scale bar
 
 /** A viewer in an element. Its payloads are those given, or the scripts in the element. */
 export class FringeViewer {
+  static numbers = { decimals, fixed, number }; // for the maps of a report
+
   constructor(element, payloads = null) {
     const own = [...element.querySelectorAll("script[type='application/x-fringeworks-surface']")];
     this.root = Object.assign(make("div"), { className: "fringe-viewer" });
@@ -53,6 +57,7 @@ export class FringeViewer {
     this.view = new View(header);
     this.active = [this.surfaces[0]];
     this.tools = new Tools(this);
+    this.scale = new Scale(this);
     this.listen();
     if (!header.count) this.list("reason");
     this.choose("one");
@@ -152,44 +157,8 @@ export class FringeViewer {
     scene.setScale(this.kind.scale);
     ui.scale.hidden = this.mode !== 1;
     ui.legend.hidden = this.mode !== 3;
-    [ui.low.value, ui.high.value] = [0, STEPS];
-    this.spread = spread(this.layer.values, this.kind.scale === "signed");
-    if (this.mode === 1) this.drawHistogram();
     if (this.mode === 3) this.tellReasons();
-    this.changeRange();
-  }
-
-  /** Ends of the colour scale. */
-  get range() {
-    const { low, high } = this.spread;
-    return [this.ui.low, this.ui.high].map(({ value }) => low + ((high - low) * value) / STEPS);
-  }
-
-  changeRange() {
-    const { ui, kind, layer } = this;
-    ui.low.value = Math.min(ui.low.value, ui.high.value - 1);
-    const digits = decimals((this.spread.high - this.spread.low) / 10);
-    const colours = SCALES[kind.scale].join(", ");
-    ui.colours.style.background =
-      `linear-gradient(to right, ${colours.replace(",", " var(--low),")} var(--high))`;
-    for (const [k, name] of ["low", "high"].entries()) {
-      const text = this.range[k].toFixed(digits);
-      ui.scale.style.setProperty(`--${name}`, `${(100 * ui[name].value) / STEPS}%`);
-      ui[`${name}Text`].textContent = text;
-      ui[name].setAttribute("aria-valuetext", `${text} ${layer.unit}`);
-    }
-    ui.unitText.textContent = layer.unit ? `${kind.label}, ${layer.unit}` : kind.label;
-    this.move();
-  }
-
-  drawHistogram() {
-    const { bins } = this.spread;
-    const top = Math.max(1, ...bins);
-    const corners = bins.flatMap((count, k) => {
-      const down = 100 - 100 * Math.sqrt(count / top);
-      return [k, k + 1].map((edge) => `${(100 * edge) / bins.length}% ${down}%`);
-    });
-    this.ui.histogram.style.clipPath = `polygon(0 100%, ${corners.join(", ")}, 100% 100%)`;
+    this.scale.begin(this.layer, this.kind);
   }
 
   /** The legend of the reasons: share, meaning, and what to change. */
@@ -210,7 +179,7 @@ export class FringeViewer {
 
   /** What a picture depends on besides the view. */
   get look() {
-    const { ui, mode, range } = this;
+    const { ui, mode, scale: { range } } = this;
     const style = getComputedStyle(this.root);
     const colour = (name) => style.getPropertyValue(name).split(" ").map((v) => v / 255);
     const uniforms = { mode, range, light: ui.light.checked, hide: ui.hide.checked };
@@ -226,7 +195,8 @@ export class FringeViewer {
       const [k, free] = [at % 3, at < 3 ? 0 : STEPS];
       const used = Number(input.value) !== free;
       const offset = ((2 * input.value) / STEPS - 1) * CLIP_REACH * half[k];
-      input.previousElementSibling.textContent = used ? (centre[k] + offset).toFixed(2) : "–";
+      const text = used ? number(centre[k] + offset, CLIP_STEP * half[k]) : "–";
+      input.previousElementSibling.textContent = text;
       return used ? offset * (k === 2 ? stretch : 1) : FAR * Math.sign(free - 1);
     });
     this.clipped = { low: ends.slice(0, 3), high: ends.slice(3) };
@@ -337,7 +307,7 @@ export class FringeViewer {
   shows({ shown, layers }) {
     const { low, high, hide, mode } = this.look.uniforms;
     const values = layers.find(({ name }) => name === this.layer.name)?.values;
-    const [from, to] = this.range;
+    const [from, to] = this.scale.range;
     const hides = hide && mode === 1 && values;
     return (i) => {
       for (let k = 0; k < 3; k++) {
@@ -365,7 +335,7 @@ export class FringeViewer {
       const { on = "input", call: name = "move", owner } = control?.dataset ?? {};
       if (on === type) (owner ? this[owner] : this)[name](control?.value);
     };
-    for (const type of ["input", "click", "dblclick"]) root.addEventListener(type, call);
+    for (const type of ["input", "change", "click", "dblclick"]) root.addEventListener(type, call);
     ui.picture.addEventListener("webglcontextlost", () => {
       this.say("The browser has taken the picture's memory away: load the page again.");
     });

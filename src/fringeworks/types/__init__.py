@@ -71,7 +71,7 @@ from fringeworks.types.multi_rig import MultiRig, multi_rig_parameters
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
 from fringeworks.types.points import Points, TriangleMesh
 from fringeworks.types.profile import Line, Profile
-from fringeworks.types.provenance import Provenance, Source, made_by, provenance_from, today
+from fringeworks.types.provenance import Provenance, Source, day, made_by, provenance_from, today
 from fringeworks.types.recipe import PartModel, PartTolerance, Recipe
 from fringeworks.types.rig import RIG_PARAMETERS, Pinhole, Rig
 from fringeworks.types.surface import HeightMap, PointCloud
@@ -142,6 +142,7 @@ __all__ = [
     "check_layout",
     "check_reusable",
     "count_reasons",
+    "day",
     "explained",
     "fingerprint",
     "finite",

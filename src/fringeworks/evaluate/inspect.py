@@ -6,11 +6,11 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from statistics import NormalDist
 from threading import Lock
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from fringeworks.evaluate.area_points import AreaPoints, area_points
 from fringeworks.evaluate.deviation import Deviation, deviation
 from fringeworks.evaluate.quantities import MEASURED, Quantified, area_deviation
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.provenance import source_of
 from fringeworks.files.recipe import read_recipe
 from fringeworks.files.rig import read_rig
 from fringeworks.pipeline.inputs import capture_of
@@ -36,10 +37,14 @@ from fringeworks.types import (
     Noted,
     Pair,
     PartTolerance,
+    Plotted,
     PointCloud,
+    Provenance,
     Reason,
     Recipe,
     Rig,
+    TriangleMesh,
+    fingerprint,
     found_before,
     sealed,
 )
@@ -66,7 +71,7 @@ class Check(Frozen):
     unit: str
     verdict: Verdict
     why: str = ""
-    """Why it is undecided; empty otherwise."""
+    """Why it fails or is undecided; empty where it passes."""
 
     def __str__(self) -> str:
         low, high = self.tolerance.low, self.tolerance.high
@@ -76,7 +81,7 @@ class Check(Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Inspection(Noted, Frozen):
+class Inspection(Noted, Plotted, Frozen):
     """A part that was measured and judged."""
 
     checks: tuple[Check, ...]
@@ -86,6 +91,13 @@ class Inspection(Noted, Frozen):
     """What was found in the capture."""
     seconds: float
     """Time that it took."""
+    recipe: Recipe = field(default_factory=Recipe)
+    """The recipe: its areas, tolerances and risk."""
+
+    @property
+    def provenance(self) -> Provenance | None:
+        """How the surface was made."""
+        return self.surface.provenance
 
     @property
     def verdict(self) -> Verdict:
@@ -132,7 +144,7 @@ def inspect(
         )
     with found_before(findings):
         checks = judge_part(surface, recipe)
-    return Inspection(checks, surface, findings, time.perf_counter() - started)
+    return Inspection(checks, surface, findings, time.perf_counter() - started, recipe)
 
 
 def judge_part(surface: HeightMap | PointCloud, recipe: Recipe) -> tuple[Check, ...]:
@@ -211,12 +223,37 @@ def _checked(tolerance: PartTolerance, points: Callable[[str], AreaPoints], risk
     except InputError as problem:
         return Check(tolerance, np.nan, np.nan, "", "undecided", str(problem))
     verdict = decide(found, tolerance, risk)
-    why = _why_undecided(found, risk) if verdict == "undecided" else ""
+    why = ""
+    if verdict == "fail":
+        why = _why_failed(found, tolerance)
+    elif verdict == "undecided":
+        why = _why_undecided(found, tolerance, risk)
     return Check(tolerance, found.value, found.sigma, found.unit, verdict, why)
 
 
-def _why_undecided(found: Quantified, risk: float) -> str:
+def _why_failed(found: Quantified, tolerance: PartTolerance) -> str:
+    """Which limit is broken, and by how much."""
+    low, high = tolerance.low, tolerance.high
+    above = high is not None and found.value > high
+    broken = high if above else low
+    assert broken is not None
+    value = found.value if above else found.seen
+    far = number(abs(value - broken), found.sigma, found.unit)
+    return (
+        f"{number(value, found.sigma, found.unit)} is {far} {'above' if above else 'below'} the "
+        f"{'largest' if above else 'smallest'} allowed {limit(broken)}"
+    )
+
+
+def _why_undecided(found: Quantified, tolerance: PartTolerance, risk: float) -> str:
     guard = NormalDist().inv_cdf(1.0 - risk) * found.sigma
+    keeps = tolerance.high is not None and found.value <= tolerance.high - guard
+    if keeps and found.noise and (tolerance.low is None or found.value >= tolerance.low + guard):
+        seen = number(found.seen, found.sigma, found.unit)
+        return (
+            f"{seen} is seen, noise of the points included, and it may explain all that is above "
+            f"{limit(tolerance.high)}: reduce the noise, or widen the limits"
+        )
     noise = (
         f", and {number(found.seen, found.sigma)} with the noise of points" if found.noise else ""
     )
@@ -249,6 +286,22 @@ def _measured(
             'rig = "rig.toml" to it'
         )
     return measure(found, _triangulator(rig_of(recipe)), **recipe.options).points
+
+
+def recipe_hash(recipe: Recipe) -> str:
+    """Return the hash of what a recipe asks for, its model's content included and its rig left out.
+
+    Raises
+    ------
+    FileProblem for a model's file that cannot be read.
+    """
+    model = recipe.model
+    told: tuple[Any, ...] = ()
+    if model is not None:
+        mesh = model.mesh
+        content = fingerprint(mesh) if isinstance(mesh, TriangleMesh) else source_of(mesh).sha256
+        told = (content, model.align, model.reach_mm)
+    return fingerprint((replace(recipe, rig=None, model=None), told))
 
 
 def rig_of(recipe: Recipe) -> Rig:

@@ -13,7 +13,7 @@ from fringeworks.types import FloatMap
 from fringeworks.types.numbers import limit as limit_text
 from fringeworks.types.numbers import number as number_text
 
-SIZE_INCH = (9.0, 3.4)
+SIZE_INCH = (9.6, 2.9)
 """Width and height of a chart, inches."""
 PROCESS = "#009e73"
 """Colour of mean and control limits: green, which no verdict has."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,6 +46,20 @@ def plot(result: object, name: str | None = None) -> Figure:
     from fringeworks.report.maps import draw_sheet
 
     return draw_sheet(drawn)
+
+
+def maps_of(result: Any) -> Figure:
+    """Draw a result for a report: cropped to what was measured, without what the report says."""
+    picture = kind_of(result).picture
+    drawn = None if picture is None else picture(result, None)
+    if not isinstance(drawn, Sheet):
+        return plot(result)
+    from fringeworks.report.maps import draw_sheet
+    from fringeworks.report.windows import window_of
+
+    reason: Any = getattr(result, "reason", None)
+    window = window_of(reason) if getattr(reason, "ndim", 0) == 2 else None
+    return draw_sheet(replace(drawn, title="", facts="", findings=(), window=window))
 
 
 def show(result: object, *, every: int = 1) -> Path:

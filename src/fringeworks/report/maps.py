@@ -69,6 +69,8 @@ def draw_sheet(sheet: Sheet) -> Picture:
     lines = -(-len(panels) // columns)
     drawn = [panel for panel in panels if panel is not None]
     rows_, columns_ = drawn[0].values.shape
+    if sheet.window is not None:
+        rows_, columns_ = sheet.window.height, sheet.window.width
     side = MAP_SIDE_INCH[min(columns, max(MAP_SIDE_INCH))]
     scale = side / max(rows_, columns_)
     width = columns * (columns_ * scale + BESIDE_INCH)
@@ -77,7 +79,8 @@ def draw_sheet(sheet: Sheet) -> Picture:
     height += SMALL_INCH * (small.count("\n") + bool(small))
     figure = Picture(figsize=(width, height), layout="compressed")
     title = f"{sheet.title}\n{sheet.facts}" if sheet.facts else sheet.title
-    figure.suptitle(title, fontsize=12)
+    if title:
+        figure.suptitle(title, fontsize=12)
     if small:
         figure.supxlabel(small, x=0.01, ha="left", fontsize=9)
     for number, panel in enumerate(panels):
@@ -92,6 +95,10 @@ def draw_sheet(sheet: Sheet) -> Picture:
         else:
             alike = [p.values for p in drawn if p.shares == panel.shares]
             draw_map(axes, panel.values, panel.kind, limits_of(panel.kind, alike), panel.unit)
+        if sheet.window is not None:
+            window = sheet.window
+            axes.set_xlim(window.left - 0.5, window.right + 0.5)
+            axes.set_ylim(window.bottom + 0.5, window.top - 0.5)
     return figure
 
 

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.report.windows import Window
 from fringeworks.types import Finding, FloatMap
 from fringeworks.types.numbers import percent, sigma_text
 
@@ -54,6 +55,8 @@ class Sheet:
     """Panels on a line."""
     findings: Sequence[Finding] = ()
     """Listed below the maps in one line each."""
+    window: Window | None = None
+    """The part of the frame that is drawn; None for all of it."""
 
 
 def titled(name: str | None, title: str) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.report.display import plot
+from fringeworks.report.display import maps_of
 from fringeworks.report.kind import Kind, Word, describe
 from fringeworks.report.kinds.surface import itself
 from fringeworks.report.page.blocks import Block, Chapter, Picture
@@ -133,7 +133,7 @@ def chapter(result: Decoded, context: Context) -> Chapter:
                 found,
                 replace(context, name=f"{context.name}, {axis}"),
                 f"Projector coordinate {axis} over the camera's pixels.",
-                lambda: plot(result, context.name),
+                lambda: maps_of(result),
             ),
             Picture(histogram(found.sigma_px, "σ / px"), "Distribution of σ."),
             reasons_table(found.reason),

@@ -9,7 +9,7 @@ import numpy as np
 
 from fringeworks.evaluate.deviation import Deviation
 from fringeworks.evaluate.spots import find_spots
-from fringeworks.report.display import plot
+from fringeworks.report.display import maps_of
 from fringeworks.report.kind import Kind, Rows, Word, describe
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface
 from fringeworks.report.page.chapter import Context, judged_block
@@ -131,7 +131,7 @@ def _shown(result: Deviation, context: Context) -> tuple[Block, ...]:
     """The surface to turn with the deviation as its colour; points without a frame as a picture."""
     cloud = result.part
     if not isinstance(cloud, PointCloud):
-        return (Picture(plot(result, context.name), "The deviation from the model."),)
+        return (Picture(maps_of(result), "The deviation from the model."),)
 
     def pack() -> PackedSurface:
         from fringeworks.report.viewer.pack import pack_surface  # for those only who turn it
@@ -146,8 +146,8 @@ def _shown(result: Deviation, context: Context) -> tuple[Block, ...]:
 
     caption = "The deviation from the model, with its standard deviation."
     return (
-        Surface((pack,), caption, lambda: plot(result, context.name)),
-        Picture(plot(result, context.name), caption),
+        Surface((pack,), caption, lambda: maps_of(result)),
+        Picture(maps_of(result), caption),
     )
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.report.display import plot
+from fringeworks.report.display import maps_of, plot
 from fringeworks.report.kind import Kind, Word, describe
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Text
 from fringeworks.report.page.chapter import Context, judged_block
@@ -159,7 +159,7 @@ def height_chapter(
                 result,
                 context,
                 f"The {surface.quantity} with its standard deviation and reasons.",
-                lambda: plot(result, context.name),
+                lambda: maps_of(result),
             ),
             *findings_block(values["findings"]),
             *_profiles(surface),
@@ -283,7 +283,7 @@ def cloud_chapter(cloud: PointCloud, result: object, context: Context) -> Chapte
             result,
             context,
             "The points with their standard deviations and reasons.",
-            lambda: plot(result, context.name),
+            lambda: maps_of(result),
         ),
         *findings_block(values["findings"]),
         *_profiles(cloud),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
-from scipy.special import gammaincinv
+import scipy
 
 from fringeworks.types import FloatMap, Frozen
 
@@ -111,14 +111,16 @@ def _indices(
         return np.nan, (np.nan, np.nan), np.nan, (np.nan, np.nan)
     tail = 0.5 * (1.0 - CONFIDENCE)
     cp = np.nan if low is None or high is None else (high - low) / (2 * reach)
-    below, above = (2.0 * float(gammaincinv(0.5 * freedom, p)) for p in (tail, 1.0 - tail))
+    below, above = (
+        2.0 * float(scipy.special.gammaincinv(0.5 * freedom, p)) for p in (tail, 1.0 - tail)
+    )
     cpk = min(sides) / reach
     half = NormalDist().inv_cdf(1.0 - tail) * float(
         np.sqrt(1.0 / (CONTROL_SIGMAS**2 * n) + cpk**2 / (2.0 * freedom))
     )
     return (
         cp,
-        (cp * float(np.sqrt(below / freedom)), cp * float(np.sqrt(above / freedom))),
+        (cp * float(np.sqrt(chi[0] / freedom)), cp * float(np.sqrt(chi[1] / freedom))),
         cpk,
         (cpk - half, cpk + half),
     )

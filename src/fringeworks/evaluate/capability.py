@@ -111,9 +111,7 @@ def _indices(
         return np.nan, (np.nan, np.nan), np.nan, (np.nan, np.nan)
     tail = 0.5 * (1.0 - CONFIDENCE)
     cp = np.nan if low is None or high is None else (high - low) / (2 * reach)
-    below, above = (
-        2.0 * float(scipy.special.gammaincinv(0.5 * freedom, p)) for p in (tail, 1.0 - tail)
-    )
+    chi = [2.0 * float(scipy.special.gammaincinv(0.5 * freedom, p)) for p in (tail, 1.0 - tail)]
     cpk = min(sides) / reach
     half = NormalDist().inv_cdf(1.0 - tail) * float(
         np.sqrt(1.0 / (CONTROL_SIGMAS**2 * n) + cpk**2 / (2.0 * freedom))

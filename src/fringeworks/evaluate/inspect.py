@@ -17,6 +17,7 @@ import numpy as np
 from fringeworks.evaluate.area_points import AreaPoints, area_points
 from fringeworks.evaluate.deviation import Deviation, deviation
 from fringeworks.evaluate.quantities import MEASURED, Quantified, area_deviation
+from fringeworks.evaluate.spots import find_spots
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.provenance import source_of
 from fringeworks.files.recipe import read_recipe
@@ -49,9 +50,11 @@ from fringeworks.types import (
     sealed,
 )
 from fringeworks.types.numbers import estimate, limit, number
-from fringeworks.types.recipe import FROM_MODEL
+from fringeworks.types.recipe import FROM_MODEL, USUAL_RISK
 
 Verdict = Literal["pass", "fail", "undecided"]
+SPOT_PLACE_MM = 0.1
+"""Standard deviation that places of spots are said with, mm: a spot covers some pixels."""
 QUANTITIES_AT_ONCE = 4
 """Largest number of quantities that are computed at the same time. Each takes some arrays of its
 area, 100 bytes a point, and parts have few areas that are large."""
@@ -286,6 +289,41 @@ def _measured(
             'rig = "rig.toml" to it'
         )
     return measure(found, _triangulator(rig_of(recipe)), **recipe.options).points
+
+
+def judge_deviation(
+    found: Deviation, rig: Rig | None = None, *, risk: float = USUAL_RISK
+) -> Check | None:
+    """Judge whether a part lies within its tolerance about the model, without the farthest 0.3 %.
+
+    Parameters
+    ----------
+    found : Deviation
+    rig : Rig, optional
+        The rig that it was computed with.
+    risk : float
+        Probability of a wrong decision.
+
+    Returns
+    -------
+    Check of the largest deviation, or of a dent or bump that surely breaks the tolerance; None
+    without a tolerance, and for points that no camera orders or that have no σ.
+    """
+    cloud, tolerance = found.part, found.tolerance_mm
+    ok = found.reason == Reason.OK
+    known = isinstance(cloud, PointCloud) and bool(np.isfinite(found.sigma_mm[ok]).all())
+    if tolerance is None or not known:
+        return None
+    one = PartTolerance("deviation", "deviation_max", ("part",), None, tolerance, 0.0)
+    guard = NormalDist().inv_cdf(1.0 - risk)
+    for spot in find_spots(found):
+        size = abs(spot.depth_mm)
+        if size - guard * spot.sigma_mm > tolerance:
+            where = ", ".join(number(float(v), SPOT_PLACE_MM) for v in spot.place_mm)
+            kind = "dent" if spot.depth_mm < 0 else "bump"
+            why = f"a {kind} of {number(size, spot.sigma_mm, 'mm')} at ({where}) mm of the model"
+            return Check(one, size, spot.sigma_mm, "mm", "fail", why)
+    return _checked(one, lambda _: area_deviation(found, Area(mask=sealed(ok)), rig), risk)
 
 
 def recipe_hash(recipe: Recipe) -> str:

@@ -94,7 +94,8 @@ def draw_sheet(sheet: Sheet) -> Picture:
             draw_reasons(axes, panel.values.astype(np.uint8))
         else:
             alike = [p.values for p in drawn if p.shares == panel.shares]
-            draw_map(axes, panel.values, panel.kind, limits_of(panel.kind, alike), panel.unit)
+            ends = panel.limits or limits_of(panel.kind, alike)
+            draw_map(axes, panel.values, panel.kind, ends, panel.unit)
         if sheet.window is not None:
             window = sheet.window
             axes.set_xlim(window.left - 0.5, window.right + 0.5)

@@ -35,6 +35,8 @@ class Panel:
     unit: str = ""
     scale: str = ""
     """Name of the scale, for panels of one quantity with titles of their own."""
+    limits: tuple[float, float] | None = None
+    """Ends of the scale, such as those of a tolerance; by default those of nearly all values."""
 
     @property
     def shares(self) -> tuple[str, str, str]:

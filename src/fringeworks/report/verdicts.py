@@ -47,6 +47,9 @@ def verdict_of(verdicts: Sequence[str]) -> Verdict | None:
     kind, count = overall(verdicts), len(verdicts)
     if not kind:
         return None
+    if count == 1:
+        said_of = {"pass": "kept", "fail": "not kept", "undecided": "undecided"}
+        return Verdict(kind, f"{kind.upper()}: the tolerance is {said_of[kind]}.")
     broken, open_ = verdicts.count("fail"), verdicts.count("undecided")
     said = []
     if broken:
@@ -55,7 +58,7 @@ def verdict_of(verdicts: Sequence[str]) -> Verdict | None:
         of = "" if broken else f" of {count} tolerances"
         said.append(f"{open_}{of} {'is' if open_ == 1 else 'are'} undecided")
     if not said:
-        said.append("the tolerance is kept" if count == 1 else f"all {count} tolerances are kept")
+        said.append(f"all {count} tolerances are kept")
     return Verdict(kind, f"{kind.upper()}: {', '.join(said)}.")
 
 

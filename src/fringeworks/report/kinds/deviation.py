@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fringeworks.evaluate.deviation import Deviation
+from fringeworks.evaluate.inspect import Check, judge_deviation
 from fringeworks.evaluate.spots import find_spots
 from fringeworks.report.display import maps_of
 from fringeworks.report.kind import Kind, Rows, Word, describe
@@ -19,12 +20,14 @@ from fringeworks.report.page.parts import (
     facts,
     findings_block,
     provenance_block,
+    sigma_with_unit,
     with_unit,
 )
-from fringeworks.report.sheets import titled
+from fringeworks.report.sheets import Sheet, titled
 from fringeworks.report.summary import origin, told
-from fringeworks.types import PointCloud, Reason
-from fringeworks.types.numbers import estimate, number, percent, sigma_text
+from fringeworks.report.verdicts import COVERAGE
+from fringeworks.types import PointCloud, Reason, TriangleMesh
+from fringeworks.types.numbers import estimate, limit, number, percent, sigma_text
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
@@ -84,28 +87,36 @@ def words(found: Deviation, figures: dict[str, Any]) -> Iterator[Word]:
         sure = figures["surely_outside_share"]
         surely = "" if sure is None else f", {percent(sure)} surely (by 2 σ)"
         yield f"{percent(figures['outside_share'])} outside the tolerance{surely}"
+    if "verdict" in figures:
+        why = figures["why"]
+        yield f"{figures['verdict']}: {why}" if why else figures["verdict"]
     yield from found.findings
 
 
-def picture(found: Deviation, name: str | None) -> Figure:
+def picture(found: Deviation, name: str | None) -> Figure | Sheet:
     """The deviation, its σ, and the ratio of the two."""
-    from fringeworks.report.deviation_picture import deviation_picture  # which needs Matplotlib
+    from fringeworks.report.deviation_picture import deviation_sheet, of_points  # needs Matplotlib
 
-    return deviation_picture(titled(name, "Deviation from the model"), found)
+    title = titled(name, "Deviation from the model")
+    if isinstance(found.part, PointCloud):
+        return deviation_sheet(title, found)
+    return of_points(title, found)
 
 
 def chapter(result: Deviation, context: Context) -> Chapter:
     """Figures, the surface to turn, and dents and bumps."""
     values = figures(result)
-    alignment = result.alignment
+    alignment, check = result.alignment, judge_deviation(result, context.rig)
+    if check is not None:
+        context.verdicts.append(check.verdict)
     rows = [
+        *_judged(result, check, values),
         ("points", f"{values['points']:,}"),
-        ("mean", with_unit(values["mean_mm"], "mm")),
-        ("σ of the mean", with_unit(values["mean_sigma_mm"], "mm")),
+        ("mean", estimate(values["mean_mm"], values["mean_sigma_mm"], "mm")),
         ("rms", with_unit(values["rms_mm"], "mm")),
-        ("median σ of a point", with_unit(values["median_sigma_mm"], "mm")),
-        ("smallest", with_unit(values["smallest_mm"], "mm")),
-        ("largest", with_unit(values["largest_mm"], "mm")),
+        ("median σ of a point", sigma_with_unit(values["median_sigma_mm"], "mm")),
+        ("smallest", with_unit(values["smallest_mm"], "mm", values["median_sigma_mm"])),
+        ("largest", with_unit(values["largest_mm"], "mm", values["median_sigma_mm"])),
         ("aligned by", alignment.by),
         ("alignment converged", alignment.converged),
         ("rms of the alignment", with_unit(alignment.rms_mm, "mm")),
@@ -134,21 +145,59 @@ def _shown(result: Deviation, context: Context) -> tuple[Block, ...]:
         return (Picture(maps_of(result), "The deviation from the model."),)
 
     def pack() -> PackedSurface:
+        from fringeworks.report.deviation_picture import flags_of, scaled  # needs Matplotlib
         from fringeworks.report.viewer.pack import pack_surface  # for those only who turn it
 
         return pack_surface(
             cloud,
             camera=context.rig,
             deviation=result.distance_mm,
+            limits=scaled(result)[1],
+            model=in_part(result),
+            flags=flags_of(result),
             title=context.name,
             every=context.every,
         )
 
-    caption = "The deviation from the model, with its standard deviation."
+    from fringeworks.report.deviation_picture import flagged_map  # needs Matplotlib
+
+    caption = "The deviation from the model, which is grey; flags are dents and bumps."
+    more = "The deviation, its standard deviation, and the ratio of the two."
     return (
-        Surface((pack,), caption, lambda: maps_of(result)),
-        Picture(maps_of(result), caption),
+        Surface((pack,), caption, lambda: flagged_map(result)),
+        Picture(maps_of(result), more),
     )
+
+
+def in_part(result: Deviation) -> TriangleMesh:
+    """The model in the part's coordinates, where the viewer shows it."""
+    T, model = np.linalg.inv(result.alignment.T_model_part), result.model
+    placed = np.asarray(model.vertices_mm, np.float64) @ T[:3, :3].T + T[:3, 3]
+    return TriangleMesh(placed.astype(np.float32), model.faces)
+
+
+def _judged(
+    result: Deviation, check: Check | None, values: dict[str, Any]
+) -> list[tuple[str, Any]]:
+    """The tolerance, what lies outside of it, and the verdict."""
+    if result.tolerance_mm is None:
+        return []
+    rows = [
+        ("tolerance", f"±{limit(result.tolerance_mm)} mm"),
+        ("outside the tolerance", percent(values["outside_share"])),
+    ]
+    if values["surely_outside_share"] is not None:
+        rows.append(("surely outside (by 2 σ)", percent(values["surely_outside_share"])))
+    if check is None:
+        return rows
+    wide = number(COVERAGE * check.sigma, check.sigma, "mm")
+    largest = f"{number(check.value, check.sigma, 'mm')}, U = {wide}"
+    verdict = f"{check.verdict}: {check.why}" if check.why else check.verdict
+    return [
+        *rows,
+        ("largest deviation that counts", largest),
+        ("verdict", verdict),
+    ]
 
 
 def _spots(result: Deviation) -> tuple[Block, ...]:

@@ -40,7 +40,12 @@ START_MAPS = """
 for (const element of document.querySelectorAll(".fringe-viewer-mount")) {
   element.viewer.ready.then(() => {
     for (const surface of element.viewer.surfaces ?? []) {
-      if (surface.header.raster) new FringeMaps(element.parentElement, surface, MAP_CONSTANTS);
+      if (!surface.header.raster) continue;
+      const { viewer } = element;
+      const maps = new FringeMaps(element.parentElement, surface, MAP_CONSTANTS);
+      if (surface !== viewer.surfaces[0]) continue;
+      viewer.onPoint = (pixel) => maps.point(pixel);
+      maps.onPoint = (pixel) => viewer.point(pixel, true);
     }
   });
 }

@@ -66,7 +66,7 @@ globalThis.FringeMaps = class {
   add(layer) {
     const { label, scale } = this.names[layer.name];
     const reasons = layer.name === "reason";
-    const range = reasons ? null : limits(layer.values, layer.name);
+    const range = reasons ? null : layer.range ?? limits(layer.values, layer.name);
     const figure = document.createElement("figure");
     const canvas = Object.assign(document.createElement("canvas"), { tabIndex: 0 });
     canvas.setAttribute("role", "img");
@@ -164,11 +164,18 @@ globalThis.FringeMaps = class {
     return own ? this.surface.sigma[i] : NaN;
   }
 
-  tell([x, y]) {
+  /** A pixel is pointed at in the viewer. */
+  point(pixel) {
+    const { width } = this.surface;
+    if (pixel >= 0) this.tell([pixel % width, Math.floor(pixel / width)], true);
+  }
+
+  tell([x, y], told = false) {
     const { width, height, reason, header } = this.surface;
     if (x < 0 || y < 0 || x >= width || y >= height) return;
     this.cursor = [x, y];
     const i = y * width + x;
+    if (!told) this.onPoint?.(i);
     const values = this.maps
       .filter(({ layer }) => layer.name !== "reason" && Number.isFinite(layer.values[i]))
       .map(({ layer, label }) => `${label} ${number(layer.values[i], this.digitsOf(layer, i))} ${layer.unit}`);

@@ -27,6 +27,7 @@ MODULES = (
     "fit",
     "scene",
     "view",
+    "overlay",
     "tools",
     "scale",
     "input",

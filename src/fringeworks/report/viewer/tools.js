@@ -12,6 +12,7 @@ const POINT_MM = 0.01; // σ whose digits places have that have none: whole micr
 const HINTS = {
   turn: "",
   distance: "Pick two points.",
+  flag: "Pick points: each gets a flag with its value. Pick a flag's point again to take it away.",
   region: "Drag a rectangle, or pick two corners. All points in it count that are not clipped.",
 };
 
@@ -70,6 +71,7 @@ export class Tools {
   inspect(x, y) {
     const { surface, pixel } = this.at(x, y);
     this.viewer.say(pixel < 0 ? "Nothing here." : this.describe(surface, pixel));
+    if (surface === this.viewer.surfaces[0]) this.viewer.point(pixel);
   }
 
   /** A pixel in words: its point, σ and maps; or why it has no value and what to change. */
@@ -99,6 +101,20 @@ export class Tools {
     if (this.name === "distance") this.pickPoint(this.at(x, y));
     else if (this.name === "region" && this.corner) this.region([...this.corner, x, y]);
     else if (this.name === "region") this.corner = [x, y];
+    else if (this.name === "flag") this.flag(this.at(x, y));
+    this.viewer.drawOver();
+  }
+
+  /** Put a flag with the value of the shown layer on a point, or take it away. */
+  flag({ surface, pixel }) {
+    if (pixel < 0 || surface.reason[pixel]) return;
+    const { header, layers, sigma } = surface;
+    const flags = header.flags ?? [];
+    const shown = this.viewer.layer.name;
+    const { values, unit } = layers.find(({ name }) => name === shown) ?? layers[0];
+    const text = `${number(values[pixel], unit === header.unit ? sigma[pixel] : NaN)} ${unit}`;
+    const others = flags.filter(([i]) => i !== pixel);
+    header.flags = others.length < flags.length ? others : [...flags, [pixel, text.trim()]];
     this.viewer.drawOver();
   }
 

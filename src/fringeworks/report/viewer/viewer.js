@@ -4,6 +4,7 @@ import { LAYERS, SCALES, TEMPLATE, VIEWS } from "./assets.js";
 import { Input } from "./input.js";
 import { difference } from "./measure.js";
 import { decimals, filled, fixed, make, number, percent } from "./numbers.js";
+import { drawPanel } from "./overlay.js";
 import { Scale } from "./scale.js";
 import { Scene } from "./scene.js";
 import { Tools } from "./tools.js";
@@ -21,7 +22,6 @@ const STEPS = 1000; // of sliders
 const CLIP_REACH = 1.02; // of the sliders over half the box: beyond the outermost points
 const CLIP_STEP = 0.002; // of a step of the sliders over half the box
 const FAR = 1e9; // a plane that clips nothing, beyond every surface
-const AXIS_PX = 28;
 const BAR_PX = 180; // largest length of the scale bar
 
 /** A viewer in an element. Its payloads are those given, or the scripts in the element. */
@@ -51,6 +51,7 @@ export class FringeViewer {
     this.header = header;
     for (const surface of this.surfaces) this.prepare(surface);
     this.ui.showRow.hidden = this.surfaces.length < 2;
+    this.ui.modelRow.hidden = !this.surfaces[0].model;
     const wanted = Math.sqrt(reason.length / FIRST_POINTS);
     this.stride = STRIDES.find((stride) => stride >= wanted) ?? STRIDES.at(-1);
     this.last = null;
@@ -68,7 +69,8 @@ export class FringeViewer {
     performance.mark("fringe-viewer-picture");
     await new Promise((done) => { setTimeout(done); }); // the picture first
     for (const surface of this.surfaces) await surface.addMaps();
-    this.list(this.ui.layer.value);
+    this.list(header.first ?? this.ui.layer.value);
+    if (header.first) this.colour();
   }
 
   /** Show a newer surface of the same scene in place of the first; the view and the layer stay. */
@@ -82,6 +84,14 @@ export class FringeViewer {
     this.choose("one");
   }
 
+  /** A pixel is pointed at, here or on a map beside: both show it. */
+  point(pixel, told = false) {
+    if (pixel === this.pointed) return;
+    this.pointed = pixel;
+    if (!told) this.onPoint?.(pixel);
+    this.drawOver();
+  }
+
   say(text) {
     this.ui.readout.textContent = text;
   }
@@ -89,16 +99,44 @@ export class FringeViewer {
   /** Places for the screen, about the first surface's middle, and the layers to colour by. */
   prepare(surface) {
     const { points, header, reason, sigma, layers } = surface;
-    const { box: { centre }, stretch } = this.header;
-    const at = (i) => (points[i] - centre[i % 3]) * (i % 3 === 2 ? stretch : 1);
-    surface.shown = filled(Float32Array, points.length, at);
+    this.lay(surface);
     const z = filled(Float32Array, reason.length, (i) => (reason[i] ? NaN : points[3 * i + 2]));
     const add = (name, values, unit = "") => layers.push({ name, values, unit });
     add(header.kind, z, header.unit);
     add("sigma", sigma, header.unit);
     add("reason", new Float32Array(reason));
     add("plain", new Float32Array(reason.length));
+  }
+
+  /** Places for the screen about the first surface's middle, and what the scene draws there. */
+  lay(surface) {
+    const { box: { centre }, stretch } = this.header;
+    const at = (points) => filled(
+      Float32Array, points.length,
+      (i) => (points[i] - centre[i % 3]) * (i % 3 === 2 ? stretch : 1),
+    );
+    surface.shown = at(surface.points);
     surface.mesh = this.scene.add(surface);
+    if (surface.model) surface.mesh.model = this.scene.addModel(surface.model, at);
+  }
+
+  /** Draw the depth larger or smaller than it is. */
+  exaggerate(text) {
+    const factor = Number(text);
+    if (!(factor > 0)) return;
+    this.header.stretch *= factor / (this.exaggeration ?? 1);
+    this.exaggeration = factor;
+    for (const surface of [...this.surfaces, ...(this.gap ? [this.gap] : [])]) {
+      this.scene.remove(surface.mesh);
+      this.lay(surface);
+    }
+    const { yaw, pitch } = this.view;
+    this.view = Object.assign(new View(this.header), { yaw, pitch });
+    this.meshes = this.active.map(({ mesh }) => mesh);
+    this.resize();
+    this.view.fit();
+    this.colour();
+    this.clip();
   }
 
   /** Show one result, both, or their difference. */
@@ -185,7 +223,8 @@ export class FringeViewer {
     const uniforms = { mode, range, light: ui.light.checked, hide: ui.hide.checked };
     Object.assign(uniforms, { plain: colour("--plain-rgb"), ...this.clipped });
     const gap = colour("--gap-rgb");
-    return { uniforms, gap, points: ui.points.checked, gaps: ui.gaps.checked || mode === 3 };
+    const gaps = ui.gaps.checked || mode === 3;
+    return { uniforms, gap, gaps, model: ui.model.checked, points: ui.points.checked };
   }
 
   /** Set the clip planes and say where they lie: x, y and z from, then to. */
@@ -248,7 +287,7 @@ export class FringeViewer {
     const put = (element, x, y) => { element.style.translate = `${x}px ${y}px`; };
     for (const [panel, over] of [...ui.over.children].entries()) {
       over.hidden = panel >= active.length;
-      if (!over.hidden) this.drawPanel(over, put);
+      if (!over.hidden) drawPanel(this, over, put);
     }
     ui.frame.hidden = !frame;
     if (frame) {
@@ -265,25 +304,6 @@ export class FringeViewer {
     const length = power * ([5, 2].find((k) => k * power <= longest) ?? 1);
     ui.bar.style.width = `${length * view.scale}px`;
     ui.bar.textContent = `${Number(length.toPrecision(1))} ${active[0].header.lateral_unit}`;
-  }
-
-  /** Axes, marks of the picks and, beside another one, the name of a panel. */
-  drawPanel(over, put) {
-    const { view, active, tools } = this;
-    const [name, axes, ...marks] = over.children;
-    name.hidden = active.length < 2;
-    for (const [k, axis] of [...axes.children].entries()) {
-      const [line, text] = axis.children;
-      const [x, y, z] = [0, 1, 2].map((m) => (m === k ? AXIS_PX : 0));
-      const end = view.turn.transformPoint({ x, y, z });
-      line.setAttribute("d", `M0 0L${end.x} ${-end.y}`);
-      text.setAttribute("transform", `translate(${1.3 * end.x} ${-1.3 * end.y})`);
-    }
-    for (const [k, mark] of marks.entries()) {
-      const i = tools.picks[k];
-      mark.hidden = i === undefined;
-      if (!mark.hidden) put(mark, ...view.project(active[0].shown.subarray(3 * i, 3 * i + 3)));
-    }
   }
 
   resize() {

@@ -306,3 +306,16 @@ def test_whole_periods_that_nothing_tells_do_not_hide_the_sigma_of_pixels():
     panel = height_sheet(found, None).panels[1]
     np.testing.assert_allclose(panel.values, 0.05, rtol=1e-6)
     assert "95 px in common" in panel.title
+
+
+def test_frames_that_are_too_large_for_a_page_are_thinned(tmp_path, monkeypatch):
+    """A limit of 5,000 pixels stands for one of eight million."""
+    monkeypatch.setattr("fringeworks.report.viewer.content.MAX_PIXELS", 5000)
+    values = np.add.outer(np.arange(120.0), np.arange(150.0)).astype(np.float32)
+    large = fw.HeightMap(values, 0.1 + 0 * values, (0 * values).astype(np.uint8), "height", "mm", 1)
+    fw.write_report(tmp_path / "r.html", {"large": large})
+    page = (tmp_path / "r.html").read_text("utf-8")
+    assert "Shown: one of 2 columns and rows of 150 × 120 px." in page
+    assert "fringe-viewer-mount" in page
+    with pytest.raises(fw.InputError, match="or every = 2"):
+        fw.report.pack_surface(large)

@@ -23,6 +23,7 @@ from fringeworks.report.page.parts import (
     sigma_with_unit,
     with_unit,
 )
+from fringeworks.report.page.surfaces import thinned_words, thinning
 from fringeworks.report.sheets import Sheet, titled
 from fringeworks.report.summary import origin, told
 from fringeworks.report.verdicts import COVERAGE
@@ -156,12 +157,13 @@ def _shown(result: Deviation, context: Context) -> tuple[Block, ...]:
             model=in_part(result),
             flags=flags_of(result),
             title=context.name,
-            every=context.every,
+            every=thinning(cloud, context.every),
         )
 
     from fringeworks.report.deviation_picture import flagged_map  # needs Matplotlib
 
     caption = "The deviation from the model, which is grey; flags are dents and bumps."
+    caption += thinned_words(cloud, context.every)
     more = "The deviation, its standard deviation, and the ratio of the two."
     return (
         Surface((pack,), caption, lambda: flagged_map(result)),

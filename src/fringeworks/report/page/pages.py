@@ -19,6 +19,9 @@ FOOT_MM = 9.0
 """Distance of the foot's top from the paper's lower edge, mm."""
 POINTS_PER_MM = 72.0 / 25.4
 """Points, the unit of PDF, in a millimetre."""
+IMAGE_DPI = 220
+"""Resolution of maps and of what is drawn as an image, dots per inch: more than a printed page
+shows at reading distance."""
 POINTS_PER_INCH = 72
 """Points in an inch: the resolution at which Matplotlib draws a PDF."""
 
@@ -102,7 +105,7 @@ class Pages:
 
     def _draw(self, figure: Figure, corner: tuple[float, float], scale: float) -> None:
         """Draw a figure with its lower left corner at a place of the page, mm."""
-        dpi, size = figure.dpi, figure.get_size_inches()
+        dpi, size = IMAGE_DPI * scale, figure.get_size_inches()
         figure.set_dpi(POINTS_PER_INCH)
         left, low = (POINTS_PER_MM * v for v in corner)
         self._file.output(self._backend.Op.gsave)

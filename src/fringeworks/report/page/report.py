@@ -67,7 +67,8 @@ def write_report(
     rig : Rig or path, optional
         Of point clouds: the page is then smaller.
     every : int
-        Show every k-th column and row only, for frames of more than 8 million pixels.
+        Show every k-th column and row only. Frames of more than 8 million pixels are thinned to
+        what a page holds, which their captions say.
     pdf : path, optional
         A PDF beside the page.
 

@@ -45,7 +45,24 @@ def surface_block(
     def pack() -> PackedSurface:
         return packed(result, camera=context.rig, title=context.name, every=context.every)
 
-    return Surface((pack,), caption, draw)
+    return Surface((pack,), f"{caption}{thinned_words(result, context.every)}", draw)
+
+
+def thinning(result: Any, every: int) -> int:
+    """Every how many-th column and row a page shows: as many as are asked for, or as it holds."""
+    from fringeworks.report.viewer.content import enough_thinned  # for those only who turn them
+
+    reason = getattr(surface_of(result), "reason", None)
+    return every if reason is None or reason.ndim != 2 else enough_thinned(reason.size, every)
+
+
+def thinned_words(result: Any, every: int) -> str:
+    """What a page says of a surface that it thins."""
+    used = thinning(result, every)
+    if used == 1:
+        return ""
+    rows, columns = surface_of(result).reason.shape
+    return f" Shown: one of {used} columns and rows of {columns:,} × {rows:,} px."
 
 
 def packed(
@@ -57,7 +74,8 @@ def packed(
     seen = camera if isinstance(surface_of(result), PointCloud) else None
     if isinstance(result, DRAWN_AS):
         result = surface_of(result)
-    return pack_surface(result, title=title, camera=seen, every=every)
+    used = thinning(result, every)
+    return pack_surface(result, title=title, camera=seen, every=used)
 
 
 def comparable(results: list[Any]) -> bool:

@@ -104,13 +104,16 @@ def content_of(result: object, camera: Rig | Pinhole | None, every: int) -> Cont
 
 def check_pixels(pixels: int, every: int) -> None:
     """Refuse frames that a page cannot hold, before anything is computed for them."""
-    used = pixels / every**2
-    if used > MAX_PIXELS:
-        enough = int(np.ceil(np.sqrt(pixels / MAX_PIXELS)))
+    if pixels / every**2 > MAX_PIXELS:
         raise InputError(
             f"surface: expected {MAX_PIXELS:,} pixels or fewer for a page, got {pixels:,}; give a "
-            f"part of the frame, or every = {enough}"
+            f"part of the frame, or every = {enough_thinned(pixels)}"
         )
+
+
+def enough_thinned(pixels: int, every: int = 1) -> int:
+    """The thinning at which a page holds a frame, and at least the one that is given."""
+    return max(every, int(np.ceil(np.sqrt(pixels / MAX_PIXELS))))
 
 
 @singledispatch

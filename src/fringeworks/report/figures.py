@@ -28,6 +28,9 @@ MAX_SURFACE_POINTS = 160
 """Mesh lines per side in perspective views; more is slow and looks no better."""
 FORMATS = (".png", ".pdf", ".svg")
 """Suffixes of pictures."""
+SETTINGS: Any = {"svg.hashsalt": "fringeworks", "pdf.fonttype": 42, "pdf.use14corefonts": False}
+"""Settings of files: no random names in SVG, and TrueType fonts embedded in PDF (Type 42), as
+publishers ask for."""
 
 
 def check_figure_target(path: StrPath) -> None:
@@ -62,7 +65,7 @@ def save_figure(figure: Figure, path: StrPath, *, provenance: Provenance | None 
         "svg": {"Description": origin, "Date": None},
     }[kind]
     shown = {k: v for k, v in metadata.items() if v is not None or k in ("CreationDate", "Date")}
-    with replacing(path) as temporary, rc_context({"svg.hashsalt": "fringeworks"}):
+    with replacing(path) as temporary, rc_context(SETTINGS):
         figure.savefig(temporary, dpi=DPI, format=kind, metadata=shown)
     return path
 

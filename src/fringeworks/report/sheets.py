@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.report.windows import Window
-from fringeworks.types import Finding, FloatMap
+from fringeworks.types import Finding, FloatMap, InputError
 from fringeworks.types.numbers import percent, sigma_text
 
 UNMEASURED_WORDS = "hatched: not measured"
@@ -39,6 +39,12 @@ class Panel:
     """Ends of the scale, such as those of a tolerance; by default those of nearly all values."""
 
     @property
+    def name(self) -> str:
+        """What it is asked for by: its kind where that tells it, else its title's first word."""
+        own = self.title.split()[0].lower().rstrip(",;:")
+        return self.kind if self.kind in ("sigma", "reasons", "depth") else own
+
+    @property
     def shares(self) -> tuple[str, str, str]:
         """What panels with one scale have in common."""
         return self.scale or self.title, self.kind, self.unit
@@ -59,6 +65,31 @@ class Sheet:
     """Listed below the maps in one line each."""
     window: Window | None = None
     """The part of the frame that is drawn; None for all of it."""
+
+    def panel(self, name: str) -> Panel:
+        """The first panel of a kind, or whose title begins with a name.
+
+        Raises
+        ------
+        InputError for another name, with those that there are.
+        """
+        wanted = name.strip().lower()
+        panels = [panel for panel in self.panels if panel is not None]
+        for panel in panels:
+            if wanted and (panel.kind == wanted or panel.title.lower().startswith(wanted)):
+                return panel
+        known = ", ".join(panel.name for panel in panels)
+        raise InputError(f"panel: expected one of {known}, got {name!r}")
+
+    def untitled(self) -> Sheet:
+        """The sheet without titles, facts and findings; scales name their quantities."""
+        panels = [
+            None
+            if one is None
+            else replace(one, title="", unit=f"{one.title} / {one.unit}" if one.unit else one.title)
+            for one in self.panels
+        ]
+        return replace(self, title="", facts="", panels=panels, findings=())
 
 
 def titled(name: str | None, title: str) -> str:

@@ -16,6 +16,7 @@ from fringeworks.report.page.blocks import Chapter
 from fringeworks.report.page.both import compared
 from fringeworks.report.page.chapter import Context, chapter_of
 from fringeworks.report.page.html import page_html
+from fringeworks.report.page.pages import paper_mm
 from fringeworks.report.page.pdf import write_pdf
 from fringeworks.report.page.surfaces import comparable
 from fringeworks.report.page.tolerances import Tolerance, parse_tolerance
@@ -46,6 +47,7 @@ def write_report(
     rig: Rig | StrPath | None = None,
     every: int = 1,
     pdf: StrPath | None = None,
+    paper: str = "A4",
 ) -> ReportWritten:
     """Write a report of one or several results.
 
@@ -71,6 +73,8 @@ def write_report(
         what a page holds, which their captions say.
     pdf : path, optional
         A PDF beside the page.
+    paper : str
+        Paper of a PDF: ``A4`` or ``letter``.
 
     Returns
     -------
@@ -83,6 +87,7 @@ def write_report(
     """
     path = Path(path)
     check_report_target(path)
+    paper_mm(paper)
     if pdf is not None:
         check_target(pdf, (".pdf",))
     read = results.values() if isinstance(results, Mapping) else (results,)
@@ -102,7 +107,7 @@ def write_report(
     verdict = verdict_of(verdicts)
     targets = (path, *(() if pdf is None else (Path(pdf),)))
     for target in targets:
-        write_page(target, heading, chapters, origin, notes=notes, verdict=verdict)
+        write_page(target, heading, chapters, origin, notes=notes, verdict=verdict, paper=paper)
     return ReportWritten(targets, all(one == "pass" for one in verdicts))
 
 
@@ -114,13 +119,14 @@ def write_page(
     *,
     notes: Sequence[str] = (),
     verdict: Verdict | None = None,
+    paper: str = "A4",
 ) -> Path:
     """Write chapters as a page or, for a name that ends with ``.pdf``, as a document."""
     need_plots("a report")
     check_report_target(path)
     place = Path(path)
     if place.suffix.lower() == ".pdf":
-        return write_pdf(place, title, chapters, origin, notes, verdict)
+        return write_pdf(place, title, chapters, origin, notes, verdict, paper)
     page = page_html(title, chapters, origin, notes=notes, verdict=verdict)
     return write_text(place, page)
 

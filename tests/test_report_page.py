@@ -126,3 +126,14 @@ def test_the_printed_page_has_maps_and_no_viewer(pages, report):
     assert not opened.page.is_visible(".fringe-viewer-mount")
     assert opened.page.is_visible(MAPS)
     assert len(opened.page.pdf()) > 50_000
+
+
+def test_cursors_of_viewer_and_maps_are_linked(pages, report):
+    opened = pages.open(report)
+    opened.page.wait_for_selector(MAPS)
+    viewer = "document.querySelector('.fringe-viewer-mount').viewer"
+    told = opened.page.evaluate(
+        f"() => {{ {viewer}.point(0); {viewer}.point(5 * {viewer}.surfaces[0].width + 7);"
+        " return document.querySelector('.told').textContent; }"
+    )
+    assert told.startswith("Column 7, row 5:")

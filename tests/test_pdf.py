@@ -95,3 +95,12 @@ def test_unknown_papers_are_refused():
     with pytest.raises(fw.InputError, match="paper: expected A4 or letter, got 'A3'"):
         paper_mm("A3")
     assert np.allclose(paper_mm("LETTER"), PAPERS_MM["letter"])
+
+
+def test_figures_spare_a_last_page_of_few_lines(tmp_path, monkeypatch):
+    pages = []
+    monkeypatch.setattr(Pages, "_write", lambda _self, page, _number: pages.append(page))
+    figure = Figure(figsize=(7.0, 6.0))
+    lines = Facts(tuple((f"name {k}", "value") for k in range(26)))
+    document(tmp_path, [Chapter("Title", (Picture(figure, "A figure."), lines))])
+    assert len(pages) == 1

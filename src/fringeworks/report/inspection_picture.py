@@ -28,8 +28,8 @@ SIZE_INCH = (7.0, 2.1)
 """Width and height of the picture of a tolerance, inches."""
 WHOLE_INCH = (11.0, 5.6)
 """Width and height of the picture of a part, inches."""
-PART_BOX = (0.08, 0.2, 0.42, 0.74)
-"""Place of a part in the picture of a tolerance, shares of its width and height: beside labels."""
+PART_BOX = (0.0, 0.02, 0.5, 0.9)
+"""Place of a part in the picture of a tolerance, shares of its width and height."""
 GAUGE_BOX = (0.56, 0.38, 0.42, 0.34)
 """Place of the value between its limits."""
 MOST_GAUGES = 12
@@ -68,7 +68,7 @@ def area_picture(found: Inspection, check: Check, part: Backdrop) -> Figure:
     place, gauge = (figure.add_axes(box) for box in (PART_BOX, GAUGE_BOX))
     shape = found.surface.reason.shape
     areas = {name: found.recipe.areas[name] for name in check.tolerance.areas}
-    _part(place, part)
+    _part(place, part, scaled=False)
     for (name, area), colour in zip(areas.items(), AREA_COLOURS, strict=False):
         _outline(place, name, area.pixels(shape), colour)
     _gauge(gauge, check, found.recipe.risk)
@@ -86,7 +86,7 @@ def inspection_picture(title: str, found: Inspection) -> Picture:
     width = (1.15, 1.0) if checks else (1.0, 1e-3)
     left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=width)[0]
     place = left.subplots()
-    _part(place, backdrop(found.surface))
+    _part(place, backdrop(found.surface), scaled=True)
     used = dict.fromkeys(name for check in checks for name in check.tolerance.areas)
     for name in used:
         pixels = found.recipe.areas[name].pixels(found.surface.reason.shape)
@@ -98,11 +98,15 @@ def inspection_picture(title: str, found: Inspection) -> Picture:
     return figure
 
 
-def _part(axes: Axes, part: Backdrop) -> None:
-    """The part in its frame's pixels."""
+def _part(axes: Axes, part: Backdrop, *, scaled: bool) -> None:
+    """The part in its frame's pixels; their scale is left out where a picture is small."""
     axes.patch.set(**UNMEASURED)
     axes.imshow(part.image, cmap="gray", interpolation="nearest", extent=part.extent)
     axes.set_autoscale_on(False)
+    if not scaled:
+        axes.set_xticks([])
+        axes.set_yticks([])
+        return
     axes.set_xlabel("x / px", fontsize=8)
     axes.set_ylabel("y / px", fontsize=8)
     axes.tick_params(labelsize=7)

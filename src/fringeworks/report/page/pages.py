@@ -17,6 +17,10 @@ SIDE_MM, TOP_MM, BOTTOM_MM = 18.0, 16.0, 20.0
 """Margins, mm: punched holes and thumbs need as much."""
 FOOT_MM = 9.0
 """Distance of the foot's top from the paper's lower edge, mm."""
+LEAST_FILLED = 0.25
+"""Share of a last page from which on it is worth its paper."""
+SQUEEZES = (0.95, 0.9, 0.85, 0.8)
+"""Factors of figures that are tried to spare a last page of few lines."""
 POINTS_PER_MM = 72.0 / 25.4
 """Points, the unit of PDF, in a millimetre."""
 IMAGE_DPI = 220
@@ -50,7 +54,6 @@ class Pages:
         self._backend: Any = backend_pdf
         self._file = self._backend.PdfFile(str(path), metadata=metadata)
         self._paper, self._title = paper, title
-        self._pages: list[list[tuple[Box, float]]] = []
 
     def __enter__(self) -> Self:
         return self
@@ -66,23 +69,16 @@ class Pages:
 
     def fill(self, boxes: Iterable[Box]) -> None:
         """Place all boxes on pages, and write them."""
-        page: list[tuple[Box, float]] = []
-        down = 0.0
-        for group in _groups(boxes):
-            tall = sum(box.before + box.height for box in group)
-            if page and down + tall > self.room_mm[1]:
-                self._pages.append(page)
-                page, down = [], 0.0
-                if group[0].head is not None:
-                    group = [group[0].head, *group]
-            for box in group:
-                down += box.before if page else 0.0
-                page.append((box, down))
-                down += box.height
-        if page:
-            self._pages.append(page)
-        for k, filled in enumerate(self._pages, 1):
-            self._write(filled, f"{k} / {len(self._pages)}")
+        given = list(boxes)
+        pages = _paged(given, self.room_mm[1])
+        for factor in SQUEEZES if len(pages) > 1 else ():
+            if _filled(pages[-1]) > LEAST_FILLED * self.room_mm[1]:
+                break
+            smaller = [box.squeeze(factor) if box.squeeze else box for box in given]
+            tried = _paged(smaller, self.room_mm[1])
+            pages = tried if len(tried) < len(pages) else pages
+        for k, filled in enumerate(pages, 1):
+            self._write(filled, f"{k} / {len(pages)}")
 
     def _write(self, page: list[tuple[Box, float]], number: str) -> None:
         """Draw a page."""
@@ -115,6 +111,34 @@ class Pages:
         figure.draw(renderer)
         renderer.finalize()
         self._file.output(self._backend.Op.grestore)
+
+
+Page = list[tuple[Box, float]]
+"""Boxes of a page with their tops, mm."""
+
+
+def _paged(boxes: Iterable[Box], room: float) -> list[Page]:
+    """Boxes on as many pages as they need."""
+    pages: list[Page] = [[]]
+    down = 0.0
+    for group in _groups(boxes):
+        tall = sum(box.before + box.height for box in group)
+        if pages[-1] and down + tall > room:
+            pages.append([])
+            down = 0.0
+            if group[0].head is not None:
+                group = [group[0].head, *group]
+        for box in group:
+            down += box.before if pages[-1] else 0.0
+            pages[-1].append((box, down))
+            down += box.height
+    return pages
+
+
+def _filled(page: Page) -> float:
+    """How far down a page is filled, mm."""
+    box, down = page[-1]
+    return down + box.height
 
 
 def _groups(boxes: Iterable[Box]) -> Iterable[list[Box]]:

@@ -159,6 +159,11 @@ class _Writer:
         if height > TALLEST * self.room[1]:
             width *= TALLEST * self.room[1] / height
             height = TALLEST * self.room[1]
+        return self.placed(figure, text, room, (width, height))
+
+    def placed(self, figure: Figure, text: str, room: float, size: tuple[float, float]) -> Box:
+        """A figure of a size, and its caption."""
+        width, height = size
         caption = paragraph(text, SMALL, room, before=1.0) if text else []
         below = sum(box.height for box in caption) + (1.0 if caption else 0.0)
 
@@ -169,7 +174,10 @@ class _Writer:
                 box.draw(sheet, x, down)
                 down += box.height
 
-        return Box(height + below, draw, GAP_MM)
+        def squeeze(factor: float) -> Box:
+            return self.placed(figure, text, room, (factor * width, factor * height))
+
+        return Box(height + below, draw, GAP_MM, squeeze=squeeze)
 
 
 def _fact(names: list[str], values: list[str], first: float, small: bool, before: float) -> Box:
@@ -192,7 +200,10 @@ def _beside(boxes: Sequence[Box], width: float) -> Box:
         for k, box in enumerate(boxes):
             box.draw(sheet, x + k * (width + PAIR_GAP_MM), y)
 
-    return Box(max(box.height for box in boxes), draw, GAP_MM)
+    def squeeze(factor: float) -> Box:
+        return _beside([b.squeeze(factor) if b.squeeze else b for b in boxes], width)
+
+    return Box(max(box.height for box in boxes), draw, GAP_MM, squeeze=squeeze)
 
 
 def _boxes(

@@ -111,6 +111,8 @@ class Box:
     """Whether it stays on the page of the next box."""
     head: Box | None = None
     """What is repeated above it where it is the first on its page: the head of a table."""
+    squeeze: Callable[[float], Box] | None = None
+    """The same smaller, by a factor below 1: of figures, where few lines would fill a last page."""
 
 
 def _font(kind: Type) -> FontProperties:

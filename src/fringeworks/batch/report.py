@@ -91,6 +91,7 @@ def write_batch_report(
                 Text(HOW_CHARTED),
                 *(_chart(ordered, one) for one in result.tolerances),
                 _coverage(ordered),
+                _origin(ordered),
             ),
         ),
     ]
@@ -137,18 +138,23 @@ def _summary(result: BatchResult) -> tuple[Block, ...]:
         ("recipe", f"sha256 {recipe_hash(result.recipe)}"),
         ("rig", f"sha256 {fingerprint(rig)}" if isinstance(rig, Rig) else None),
     ]
+    return (facts(rows),)
+
+
+def _origin(result: BatchResult) -> Origin:
+    """What is needed to compute the batch again."""
     origin = [
         ("captures", result.source or None),
         ("results", str(result.folder)),
         ("version", f"fringeworks {_core.version}"),
         ("call", f"fringeworks.batch.run_batch({result.source!r}, recipe, out)"),
     ]
-    return facts(rows), Origin(facts(origin).rows)
+    return Origin(facts(origin).rows)
 
 
 def _capabilities(result: BatchResult) -> tuple[Block, ...]:
     """A row for each tolerance: limits, mean, spread, and indices with their intervals."""
-    rows = []
+    rows, indices = [], []
     for one in result.tolerances:
         found = capability(_column(result, one.name), one.low, one.high)
         unit = UNITS[one.quantity]
@@ -164,6 +170,11 @@ def _capabilities(result: BatchResult) -> tuple[Block, ...]:
                 "mean": number(found.mean, found.overall, unit),
                 "s": number(found.overall, found.overall, unit),
                 "U (k = 2)": number(usual, usual, unit),
+            }
+        )
+        indices.append(
+            {
+                "tolerance": one.name,
                 "Cp": _index(found.cp, found.cp_interval),
                 "Cpk": _index(found.cpk, found.cpk_interval),
                 "Pp": _index(found.pp, found.pp_interval),
@@ -172,7 +183,8 @@ def _capabilities(result: BatchResult) -> tuple[Block, ...]:
         )
     if not rows:
         return (Text("Nothing is judged: the recipe has no tolerances."),)
-    return dict_table(rows, "How well the process keeps its tolerances"), Text(HOW_CAPABLE)
+    caption = "Capability"
+    return dict_table(rows, "Values"), dict_table(indices, caption), Text(HOW_CAPABLE)
 
 
 def _index(value: float, interval: Interval) -> str:

@@ -18,6 +18,8 @@ SIZES = (8.0, 7.0, 6.0, 5.0)
 SHORT_CELL = 18
 """Letters of a cell up to which it stays on one line: a number with its unit, a
 date with its time, an index with its interval."""
+TEXT_MM = 34.0
+"""Least width of columns of sentences, mm: four words on a line; the type becomes smaller first."""
 SHORT_TABLE = 8
 """Rows of a table up to which it is not divided: a quarter of a page."""
 MOST_CELL_LINES = 40
@@ -58,7 +60,9 @@ def _fitted(rows: Sequence[Sequence[str]], room: float) -> tuple[Type, list[floa
             for k, cell in enumerate(cells):
                 want[k] = max(want[k], width_mm(cell, used))
                 words = [cell] if len(cell) <= most else cell.split(" ")
-                need[k] = max(need[k], *(width_mm(word, used) for word in words))
+                # Heads wrap at every word; sentences have some words on a line.
+                text = min(width_mm(cell, used), TEXT_MM) if len(cell) > most > 0 else 0.0
+                need[k] = max(need[k], text, *(width_mm(word, used) for word in words))
         if sum(want) <= free:
             return kind, want
         if sum(need) <= free or points == SIZES[-1]:

@@ -157,6 +157,7 @@ def _shown(result: Deviation, context: Context) -> tuple[Block, ...]:
             model=in_part(result),
             flags=flags_of(result),
             title=context.name,
+            own_notes=False,
             every=thinning(cloud, context.every),
         )
 

@@ -71,6 +71,7 @@ def pack_surface(
     flags: Sequence[tuple[int, int, str]] = (),
     title: str = "",
     notes: tuple[str, ...] = (),
+    own_notes: bool = True,
     every: int = 1,
 ) -> PackedSurface:
     """Pack a surface for the viewer, with every point within an eighth of its σ.
@@ -98,6 +99,8 @@ def pack_surface(
         Name of the surface; plain text.
     notes : tuple of str
         Added to the result's own notes; plain text.
+    own_notes : bool
+        False where the page that holds the viewer lists the result's findings itself.
     every : int ≥ 1
         Use every k-th column and row only, for frames that are too large.
 
@@ -140,7 +143,7 @@ def pack_surface(
     content = replace(
         content,
         maps={**content.maps, **parts},
-        notes=(*content.notes, *more, *notes),
+        notes=(*(content.notes if own_notes else ()), *more, *notes),
         title=title[:MAX_TITLE],
     )
     return _packed(content, _Added(limits, model, tuple(flags), every))

@@ -72,7 +72,7 @@ from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
 from fringeworks.types.placement import CAMERA_FRAME, Placement
 from fringeworks.types.points import Points, TriangleMesh
 from fringeworks.types.profile import Line, Profile
-from fringeworks.types.provenance import Provenance, Source, made_by, provenance_from, today
+from fringeworks.types.provenance import Provenance, Source, day, made_by, provenance_from, today
 from fringeworks.types.recipe import PartModel, PartTolerance, Recipe
 from fringeworks.types.rig import RIG_PARAMETERS, Pinhole, Rig
 from fringeworks.types.robot import (
@@ -157,6 +157,7 @@ __all__ = [
     "check_reusable",
     "check_rigid",
     "count_reasons",
+    "day",
     "explained",
     "fingerprint",
     "finite",

@@ -36,8 +36,8 @@ def click(page: Any, name: str) -> None:
 
 def step(page: Any, name: str) -> None:
     """Go to a step."""
-    page.locator(".fw-steps button", has_text=name).click()
-    page.locator(".fw-steps button[aria-current=page]", has_text=name).wait_for()
+    page.locator(".fw-steps a", has_text=name).click()
+    page.locator(".fw-steps a[aria-current=step]", has_text=name).wait_for()
 
 
 def take(page: Any, name: str) -> None:
@@ -49,7 +49,7 @@ def take(page: Any, name: str) -> None:
 
 def opened(page: Any, name: str) -> None:
     """Open or close a part of the page."""
-    page.locator(".q-item__label", has_text=name).click()
+    page.locator("summary", has_text=name).click()
 
 
 def draw(page: Any, box: tuple[int, int, int, int]) -> None:

@@ -248,7 +248,7 @@ def test_a_series_of_scans(studio, visitor):
 
 def live(visitor, text="Live picture"):
     """Open a part of the page that shows what the devices do."""
-    visitor.page.locator(".q-item__label", has_text=text).click()
+    visitor.page.locator("summary", has_text=text).click()
 
 
 def test_the_live_picture_helps_to_aim_and_one_visitor_holds_the_devices(pages):
@@ -504,7 +504,7 @@ ANSWER = """([name, heading]) => new Promise((done) => {
     if (shows()) { seen.disconnect(); done(performance.now() - start); }
   });
   seen.observe(document.body, { childList: true, subtree: true, characterData: true });
-  [...document.querySelectorAll(".fw-steps button")].find((b) => b.textContent.includes(name)).click();
+  [...document.querySelectorAll(".fw-steps a")].find((b) => b.textContent.includes(name)).click();
 })"""
 """Time from a click on a step until its heading is there, ms."""
 
@@ -535,5 +535,5 @@ def answers(visitor, other):
             for name, heading in (("Scan", "Take the frames"), ("Export", "Files, reports")):
                 times.append(visitor.page.evaluate(ANSWER, [name, heading]) / 1000.0)
         other.page.reload()
-        other.page.wait_for_selector(".fw-steps button")
+        other.page.wait_for_selector(".fw-steps a")
     return times

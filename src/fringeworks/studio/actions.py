@@ -20,8 +20,6 @@ from fringeworks.pipeline.boards import calibrate_stacks
 from fringeworks.pipeline.merging import merge
 from fringeworks.pipeline.stacks import measure
 from fringeworks.report.boards import write_board
-from fringeworks.report.display import plot
-from fringeworks.report.figures import save_figure
 from fringeworks.report.page.report import SUFFIXES as REPORTS
 from fringeworks.report.page.report import write_report
 from fringeworks.report.page.surfaces import surface_of
@@ -29,8 +27,10 @@ from fringeworks.report.summary import summarise
 from fringeworks.scan.bench import Take, open_bench, take
 from fringeworks.scan.setup import SetupStopped, set_up
 from fringeworks.showcase.dissertation import write_paper
+from fringeworks.studio.plots import DARK_FOLDER, draw
 from fringeworks.studio.tasks import Source, compute, judged, known, poses_of
-from fringeworks.studio.worker import Job, Link
+from fringeworks.studio.trash import Trash
+from fringeworks.studio.worker import Link
 from fringeworks.studio.workspace import Workspace
 from fringeworks.types import TriangleMesh
 
@@ -59,38 +59,6 @@ def perform(link: Link, action: Action, space: Workspace) -> Any:
     return action.run(link, space)
 
 
-class CommandLog:
-    """Actions that were begun, and the commands that do the same."""
-
-    def __init__(self, space: Workspace) -> None:
-        self._space = space
-        self._log: list[tuple[Job, Action]] = []
-
-    def note(self, job: Job, action: Action) -> Job:
-        """Note the action of a piece of work."""
-        self._log.append((job, action))
-        return job
-
-    @property
-    def done(self) -> list[Command]:
-        """Commands that do what was done, in its order; work that failed is left out.
-
-        Of what was done twice, such as a pose that was taken again, the last time counts. Poses
-        that were deleted are left out as well.
-        """
-        found: dict[Any, Command] = {}
-        there = self._space.taken_poses()
-        for job, action in self._log:
-            if job.state != "done":
-                continue
-            pose = job.result["name"] if isinstance(action, TakePose) else None
-            if pose is None or pose in there:
-                made = action.command(job.result)
-                found.pop(pose or made, None)
-                found[pose or made] = made
-        return list(found.values())
-
-
 @dataclass(frozen=True)
 class SetUp:
     """Find out what devices can do together."""
@@ -113,9 +81,12 @@ class SetUp:
                     progress=link.progress,
                 )
             except SetupStopped as stopped:
-                save_figure(plot(stopped.tests), picture)
+                draw(stopped.tests, picture)
                 raise
-        save_figure(plot(found), picture)
+        kept = (space.setup.name, "setup.plan.toml", picture.name, f"{DARK_FOLDER}/{picture.name}")
+        if space.setup.exists():
+            Trash(space).before(kept, "set up again")
+        draw(found, picture)
         write_setup(space.setup, found, projector=self.projector, camera=self.camera)
         return summarise(found)
 
@@ -213,8 +184,11 @@ class Calibrate:
     def run(self, link: Link, space: Workspace) -> dict[str, Any]:
         """Write the rig and its picture."""
         found = calibrate_stacks(space.poses, self.board, progress=link.progress)
+        if space.rig.exists():
+            kept = (space.rig.name, "rig.png", f"{DARK_FOLDER}/rig.png")
+            Trash(space).before(kept, "calibrate again")
         write_rig(space.rig, found.rig)
-        save_figure(plot(found, "board"), space.rig.with_suffix(".png"))
+        draw(found, space.rig.with_suffix(".png"), "board")
         return summarise(found)
 
     def command(self, _: Any) -> Command:
@@ -366,6 +340,23 @@ class DrawFigures:
             f"fringeworks paper --size {self.size} --out dissertation",
             f"fw.write_paper('dissertation', size={self.size})",
         )
+
+
+ACTIONS: dict[str, type[Action]] = {
+    kind.__name__: kind
+    for kind in (
+        SetUp,
+        Scan,
+        TakePose,
+        DrawBoard,
+        Calibrate,
+        MergeViews,
+        Inspect,
+        Export,
+        DrawFigures,
+    )
+}
+"""What can be done, by the names that the file of what was done has."""
 
 
 def _arguments(**values: Any) -> str:

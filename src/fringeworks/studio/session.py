@@ -36,7 +36,6 @@ class Session:
     """What one visitor looks at; all tabs of a browser are one visitor."""
 
     name: str
-    step: str = "set up"
     shown: Shown | None = None
     kept: Shown | None = None
     """The result before, for comparison."""
@@ -54,6 +53,17 @@ class Session:
     """Number of the surface of the last trial."""
     jobs: deque[Job] = field(default_factory=lambda: deque(maxlen=KEPT_JOBS))
     """Their last computations."""
+
+    def recall(self, source: str, method: str, options: dict[str, Any]) -> bool:
+        """Whether a result is there or on its way; one that is kept is shown again."""
+        wanted = source, method, options
+        made = [
+            None if one is None else (one.source, one.method, one.options)
+            for one in (self.pending, self.shown, self.kept)
+        ]
+        if wanted == made[2] and wanted not in made[:2]:
+            self.shown, self.kept = self.kept, self.shown
+        return wanted in made
 
     def job(self, names: tuple[str, ...]) -> Job | None:
         """The last computation whose name begins with one of these."""

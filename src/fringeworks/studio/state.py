@@ -24,6 +24,8 @@ from fringeworks.studio.actions import (
 from fringeworks.studio.bench import Bench
 from fringeworks.studio.recipes import RecipeKeeper, as_shown
 from fringeworks.studio.session import Session, Shown
+from fringeworks.studio.tour import PART, Tour, begin_tour
+from fringeworks.studio.trash import Entry
 from fringeworks.studio.worker import Job, Task, Worker
 from fringeworks.types import FileProblem, InputError
 
@@ -51,7 +53,9 @@ class Studio(Bench):
     def __init__(self, folder: StrPath) -> None:
         super().__init__(folder)
         self.compute = Worker()
-        self.recipes = RecipeKeeper(self.workspace)
+        self.recipes = RecipeKeeper(self.workspace, self.trash)
+        self.tour: Tour | None = None
+        """The virtual part that is measured, or was measured last."""
         self.verdict: dict[str, Any] = {}
         """What the last calibration said."""
         self._sessions: dict[str, Session] = {}
@@ -97,6 +101,32 @@ class Studio(Bench):
             states["set up"] = "look here"
         return states
 
+    def start_tour(self, session: Session) -> Tour:
+        """Measure a virtual part from the first step to the last.
+
+        Raises
+        ------
+        InputError where the folder has a set-up of other devices, and while the devices are used.
+        """
+        self._idle(session)
+        if self.tour is not None and self.tour.running:
+            raise InputError("The virtual part is being measured already.")
+        self.tour = begin_tour(self, session)
+        return self.tour
+
+    def end_tour(self, session: Session) -> None:
+        """Move what the virtual part has left in the folder to the trash: own devices come next."""
+        self._idle(session)
+        self.workspace.check()
+        space, tour = self.workspace, self.tour
+        files = (space.setup, space.root / "setup.plan.toml", space.setup.with_suffix(".png"))
+        rigs = (space.rig, space.rig.with_suffix(".png"), space.poses, space.root / PART)
+        self.trash.clear([path.name for path in (*files, *rigs)], "put the virtual part away")
+        self.notes.forget(PART)
+        self.poses, self.verdict, self.tour = {}, {}, None
+        if tour is not None:
+            tour.session.shown = tour.session.kept = None
+
     def print_board(self, session: Session) -> Job:
         """Draw the board to print."""
         return self._calculate(session, "drawing the board", DrawBoard(self.board))
@@ -120,7 +150,7 @@ class Studio(Bench):
             raise InputError("Turntable step: expected degrees, got 0.")
         for capture in captures:
             self.workspace.inside(capture)
-        self.workspace.new(name, ".ply")
+        name = self.workspace.free(name, ".ply")
         action = MergeViews(tuple(captures), board, step_deg, name)
         return self._calculate(session, "merging", action, 2 * len(captures))
 
@@ -136,6 +166,7 @@ class Studio(Bench):
             str(self.surface(pending.number)),
             total=2,
         )
+        job.when_done(lambda: self.notes.measured(source, job.result["figures"]))
         session.pending = pending
         self.surface(pending.number - MOST_SURFACES).unlink(missing_ok=True)
         return job
@@ -177,7 +208,9 @@ class Studio(Bench):
         if not recipe.tolerances:
             raise InputError("No tolerance is set: add one, then judge the part.")
         self.recipes.keep(as_shown(recipe, source))
-        return self._calculate(session, f"judging {name}", Inspect(source))
+        job = self._calculate(session, f"judging {name}", Inspect(source))
+        job.when_done(lambda: self.notes.judged(name, job.result))
+        return job
 
     def draw_picture(self, session: Session, name: str) -> Job:
         """Draw the picture of a capture or result, to draw areas on."""
@@ -188,8 +221,7 @@ class Studio(Bench):
 
     def export(self, session: Session, shown: Shown, suffix: str, kind: str) -> Job:
         """Write what is shown into the folder."""
-        name = Path(shown.source).name
-        self.workspace.new(name, suffix)
+        name = self.workspace.free(Path(shown.source).name, suffix)
         action = Export(self._source(shown), f"{name}{suffix}", kind)
         return self._calculate(session, f"writing {action.name}", action, 2)
 
@@ -229,10 +261,67 @@ class Studio(Bench):
             if job.name.startswith(("measuring", "trying")):
                 self.compute.cancel(job)
 
+    def undo(self, session: Session, entry: Entry | None = None) -> str:
+        """Undo what a click did, by default the last; what it was, in words.
+
+        Raises
+        ------
+        InputError where there is nothing to undo, its place is taken, or another visitor uses the
+        devices.
+        """
+        self.hold(session)
+        self.workspace.check()
+        said = self.trash.undo(entry)
+        self.poses = {}
+        return said
+
+    def delete(self, session: Session, name: str) -> None:
+        """Move a capture or a result to the trash.
+
+        Raises
+        ------
+        InputError for anything else, and while devices or computations are at work.
+        """
+        self._idle(session)
+        self._listed(name)
+        self.trash.delete(name, f"delete {name}")
+
+    def rename(self, session: Session, name: str, new: str) -> str:
+        """Give a capture or a result another name; files keep their suffix. The new name.
+
+        Raises
+        ------
+        As ``delete``; InputError for a name that is taken or not allowed.
+        """
+        self._idle(session)
+        self._listed(name)
+        old = Path(name)
+        suffix = "" if self.workspace.inside(name).is_dir() else old.suffix
+        self.workspace.new(new.removesuffix(suffix), suffix)
+        target = (old.parent / f"{new.removesuffix(suffix)}{suffix}").as_posix()
+        self.trash.rename(name, target)
+        self.notes.renamed(name, target)
+        return target
+
+    def _listed(self, name: str) -> None:
+        """Refuse names of anything but captures and results."""
+        self.workspace.check()
+        if name not in (*self.workspace.captures(), *self.workspace.results()):
+            raise InputError(f"{name}: expected a capture or result in the folder, got none")
+
+    def _idle(self, session: Session) -> None:
+        """Refuse to move files that somebody may be reading or writing."""
+        self.hold(session)
+        series = self.series is not None and self.series.running
+        if series or (self.devices.busy and not self._is_live()) or self.compute.busy:
+            raise InputError("Something is being measured: wait, or cancel it.")
+
     def close(self) -> None:
         """End the workers, and delete the packed surfaces."""
         if self.series is not None:
             self.series.stop()
+        if self.tour is not None and self.tour.running:
+            self.tour.stop()
         self.devices.close()
         self.compute.close()
         shutil.rmtree(self._packed, ignore_errors=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -86,15 +86,25 @@ class Source:
     options: dict[str, Any]
     recipe: Path | None = None
     """A recipe that says within which area is measured."""
+    settled_how: How | None = None
+    """How it was made, once that is settled; otherwise its files tell."""
+    settled_capture: bool | None = None
+    """Whether it was a capture, once that is settled."""
 
     @property
     def is_capture(self) -> bool:
         """Whether it is a capture, and no file."""
-        return self.path.is_dir()
+        return self.path.is_dir() if self.settled_capture is None else self.settled_capture
+
+    def settled(self) -> Source:
+        """The same source, which says how it is made also when its files are gone."""
+        return replace(self, settled_how=self.how, settled_capture=self.is_capture)
 
     @property
     def how(self) -> How:
         """What makes a result of it."""
+        if self.settled_how is not None:
+            return self.settled_how
         if self.recipe is not None:
             return "inspect"
         if not self.is_capture:

@@ -47,6 +47,22 @@ class Job:
     """Whether it was asked to stop."""
     latest: dict[str, Any] = field(default_factory=dict)
     """The last value that the work has sent, by kind."""
+    _then: list[Callable[[], None]] = field(default_factory=list, repr=False)
+    """Called once when the work has ended well."""
+
+    def when_done(self, action: Callable[[], None]) -> None:
+        """Call something once when the work has ended well, at once where it has already."""
+        self._then.append(action)
+        self.follow_up()
+
+    def follow_up(self) -> None:
+        """Call what waits for work that has ended well."""
+        while self.state == "done" and self._then:
+            try:
+                action = self._then.pop()
+            except IndexError:  # another thread was quicker
+                return
+            action()
 
     @property
     def open(self) -> bool:
@@ -205,6 +221,7 @@ class Worker:
                     job.latest[value[0]] = value[1]
                 elif kind == "done":
                     job.result, job.state = value, "done"
+                    job.follow_up()
                 else:
                     job.problem, job.state = value, "failed"
         except (EOFError, OSError):

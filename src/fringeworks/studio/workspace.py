@@ -36,6 +36,9 @@ RESERVED = (
     "recipe.toml",
     "board",
     "dissertation",
+    "trash",
+    "history.jsonl",
+    "notes.json",
 )
 """Names of the studio's own files and folders."""
 MOST_VISITED = 5000
@@ -71,6 +74,21 @@ class Workspace:
     def recipe(self) -> Path:
         """The file of areas and tolerances."""
         return self.root / "recipe.toml"
+
+    @property
+    def trash(self) -> Path:
+        """The folder of what was deleted or replaced."""
+        return self.root / "trash"
+
+    @property
+    def history(self) -> Path:
+        """The file of what was done."""
+        return self.root / "history.jsonl"
+
+    @property
+    def notes(self) -> Path:
+        """The file of verdicts and findings by capture."""
+        return self.root / "notes.json"
 
     @property
     def figures_folder(self) -> Path:
@@ -114,6 +132,16 @@ class Workspace:
             raise FileProblem(f"name: expected one that the studio does not use, got {name!r}")
         return self.inside(name + suffix)
 
+    def free(self, name: str, suffix: str) -> str:
+        """Return a name, or the same with a number, that no file with this suffix has.
+
+        Raises
+        ------
+        As ``new``.
+        """
+        names = (name if k == 1 else f"{name}-{k}" for k in range(1, MOST_VISITED))
+        return next(n for n in names if not self.new(n, suffix).exists())
+
     def check(self) -> None:
         """Refuse links in place of the studio's own files: they would lead out of the folder.
 
@@ -136,7 +164,7 @@ class Workspace:
     def _captures(self, folder: Path, levels: int) -> Iterator[str]:
         for entry in _folders(folder):
             path = Path(entry.path)
-            if path in (self.poses, self.figures_folder):
+            if path in (self.poses, self.figures_folder, self.trash):
                 continue
             if _is_file(path / CAPTURE_FILE):
                 yield path.relative_to(self.root).as_posix()

@@ -17,7 +17,9 @@ def violations(page):
     if find_spec("axe_playwright_python") is None:
         pytest.skip("axe-playwright-python is not installed: pages are not tried by axe-core")
     if not page.evaluate("'axe' in window"):
-        page.evaluate(resources.files("axe_playwright_python").joinpath("axe.min.js").read_text() + ";0")
+        page.evaluate(
+            resources.files("axe_playwright_python").joinpath("axe.min.js").read_text() + ";0"
+        )
     return page.evaluate(RUN)
 
 

@@ -28,7 +28,7 @@ class Running:
         command = [sys.executable, "-m", "fringeworks", "studio", str(folder), "--no-show"]
         self.started_s = time.monotonic()
         # A file, because a full pipe would hold the server up.
-        self.said = tempfile.TemporaryFile("w+")
+        self.said = tempfile.TemporaryFile("w+")  # noqa: SIM115, closed with the studio
         self.process = subprocess.Popen(
             [*command, "--port", "0", *options],
             stdout=subprocess.PIPE,

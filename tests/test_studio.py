@@ -53,12 +53,12 @@ def visitor(chromium, studio):
 @pytest.mark.timeout(600)
 def test_from_an_empty_table_to_a_part(studio, visitor, tmp_path, monkeypatch):
     begun = time.monotonic()
-    visitor.choose("Virtual scene", "plane")
+    visitor.step("Set up")
     visitor.click("Set up")
     visitor.sees("No finding")
     visitor.step("Calibrate")
     for k in range(8):
-        visitor.choose("Virtual scene", f"board-{k}")
+        # The virtual board moves by itself.
         visitor.click("Take a pose")
         visitor.sees(f"pose-{k + 1:02d}: ")
     visitor.click("Calibrate")
@@ -238,7 +238,7 @@ def test_a_series_of_scans(studio, visitor):
     visitor.click("Scan (space)")
     visitor.sees("2 left")
     visitor.sees("scan-001-002")
-    visitor.page.get_by_role("button", name="Look", exact=True).nth(1).wait_for()
+    visitor.page.get_by_role("link", name="scan-001-002", exact=True).wait_for()
     assert len(fw.files.read_stack(studio.folder / "scan-001-002").frames) == 12
     visitor.page.get_by_label("Name").fill("../out")
     visitor.page.get_by_label("Scans", exact=True).fill("1")
@@ -253,6 +253,9 @@ def live(visitor, text="Live picture"):
 
 def test_the_live_picture_helps_to_aim_and_one_visitor_holds_the_devices(pages):
     one, other = pages(), pages()
+    for visitor in (one, other):
+        visitor.step("Set up")
+    one.choose("Virtual scene", "bust")
     live(one)
     one.choose("Light", "Fringes")
     one.click("Start")
@@ -281,6 +284,8 @@ def test_the_live_picture_helps_to_aim_and_one_visitor_holds_the_devices(pages):
 @pytest.mark.long
 def test_a_visitor_who_leaves_gives_the_devices_back(pages):
     one, other = pages(), pages()
+    for visitor in (one, other):
+        visitor.step("Set up")
     live(one)
     one.click("Start")
     one.sees("saturated 0.0%")
@@ -404,10 +409,8 @@ def test_live_board_and_live_points(studio, visitor):
     fw.files.write_rig(space / "rig.toml", standard_rig(scale=SCALE))
     visitor.page.reload()
     visitor.step("Calibrate")
-    visitor.choose("Virtual scene", "board-0")
     visitor.click("Take a pose")
     visitor.sees("pose-01: 88 corners found")
-    visitor.choose("Virtual scene", "board-3")
     live(visitor)
     visitor.click("Start")
     visitor.sees("88 corners, ")

@@ -158,13 +158,15 @@ def ready(visitor, step):
         visitor.surface()
         areas(visitor)
         visitor.click("Judge the part")
-        visitor.sees("bust: fail")
+        visitor.sees(re.compile("^bust: (pass|fail|undecided)"))
     if step == "Learn":
         visitor.click("Try")
         visitor.surface()
     if step == "Captures":
         visitor.page.locator(LIST).first.wait_for()
-    for summary in visitor.page.locator("details.fw-more > summary").all() if step != "Look" else ():
+    for summary in (
+        visitor.page.locator("details.fw-more > summary").all() if step != "Look" else ()
+    ):
         summary.click()
     visitor.page.wait_for_timeout(700)
 
@@ -188,7 +190,7 @@ def test_pages_are_as_wide_as_a_phone(opened):
         head = visitor.page.locator(".fw-top").bounding_box()
         assert head["height"] < 844 / 5
     assert not {step: px for step, px in wide.items() if px > 0}
-    assert not {line for line in violations(visitor.page)}
+    assert not violations(visitor.page)
 
 
 def test_the_first_page_is_light(chromium, studio):
@@ -196,7 +198,10 @@ def test_the_first_page_is_light(chromium, studio):
     page = chromium.new_context().new_page()
     sizes, session = {}, page.context.new_cdp_session(page)
     session.send("Network.enable")
-    session.on("Network.loadingFinished", lambda e: sizes.__setitem__(e["requestId"], e["encodedDataLength"]))
+    session.on(
+        "Network.loadingFinished",
+        lambda e: sizes.__setitem__(e["requestId"], e["encodedDataLength"]),
+    )
     requests = []
     page.on("request", lambda request: requests.append(request.url))
     page.goto(studio.address)

@@ -170,9 +170,7 @@ def test_what_was_done_is_known_after_a_restart(space):
     failed = Job("scan", state="failed")
     log.note(failed, Scan("other", Take(), {}))
     assert len(log.done) == 1
-    running.state = "done"
-    running.follow_up()
-    running.follow_up()
+    running.finish("board.pdf")
     assert len(log.done) == 2
     again = CommandLog(space)
     assert again.done == log.done

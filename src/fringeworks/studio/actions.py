@@ -94,8 +94,8 @@ class SetUp:
         """What does the same."""
         words = _arguments(projector=self.projector, camera=self.camera)
         return Command(
-            f"fringeworks setup --projector {_quoted(self.projector)} "
-            f"--camera {_quoted(self.camera)} --frames {self.frames} --axes x,y --out setup.toml",
+            f"fringeworks setup --projector {quoted(self.projector)} "
+            f"--camera {quoted(self.camera)} --frames {self.frames} --axes x,y --out setup.toml",
             f"with fw.scan.open_bench({words}) as bench:\n"
             "    found = fw.set_up(\n"
             f"        bench.projector, bench.camera, frames={self.frames}, axes=('x', 'y')\n"
@@ -127,7 +127,7 @@ class Scan:
         words = f", {_arguments(**self.devices)}" if self.devices else ""
         how = f", fw.scan.{self.how!r}" if self.how.changed else ""
         return Command(
-            f"fringeworks capture --setup setup.toml {options}--out {_quoted(self.name)}",
+            f"fringeworks capture --setup setup.toml {options}--out {quoted(self.name)}",
             f"with fw.scan.open_bench('setup.toml'{words}) as bench:\n"
             f"    fw.scan.take(bench, {self.name!r}{how})",
         )
@@ -170,7 +170,7 @@ class DrawBoard:
     def command(self, _: Any) -> Command:
         """What does the same."""
         return Command(
-            f"fringeworks board {_quoted(self.board)} --out board.pdf",
+            f"fringeworks board {quoted(self.board)} --out board.pdf",
             f"fw.report.write_board('board.pdf', {self.board!r})",
         )
 
@@ -194,7 +194,7 @@ class Calibrate:
     def command(self, _: Any) -> Command:
         """What does the same."""
         return Command(
-            f"fringeworks calibrate board/ --board {_quoted(self.board)} --out rig.toml "
+            f"fringeworks calibrate board/ --board {quoted(self.board)} --out rig.toml "
             "--figure rig.png",
             f"found = fw.calibrate('board', {self.board!r})\n"
             "fw.files.write_rig('rig.toml', found.rig)\n"
@@ -240,14 +240,14 @@ class MergeViews:
     def command(self, _: Any) -> Command:
         """What does the same."""
         rig = {"rig": "rig.toml"} if self.board else {}
-        clouds = [f"{_quoted(name)}.npz" for name in self.captures]
+        clouds = [f"{quoted(name)}.npz" for name in self.captures]
         measured = [
-            f"fringeworks measure {_quoted(name)} --rig rig.toml --out {cloud}"
+            f"fringeworks measure {quoted(name)} --rig rig.toml --out {cloud}"
             for name, cloud in zip(self.captures, clouds, strict=True)
         ]
         merged = f"fringeworks merge {' '.join(clouds)} {_options(self.poses | rig)}"
         return Command(
-            "\n".join([*measured, f"{merged}--out {_quoted(self.name)}.ply"]),
+            "\n".join([*measured, f"{merged}--out {quoted(self.name)}.ply"]),
             f"views = [fw.measure(name, 'rig.toml').points for name in {list(self.captures)!r}]\n"
             f"found = fw.merge(views, {_arguments(**self.poses, **rig)})\n"
             f"fw.files.write_merged_points({f'{self.name}.ply'!r}, found.points, "
@@ -269,7 +269,7 @@ class Inspect:
 
     def command(self, _: Any) -> Command:
         """What does the same."""
-        name = _quoted(self.source.name)
+        name = quoted(self.source.name)
         return Command(
             f"fringeworks inspect {name} --recipe recipe.toml" if self.source.is_capture else "",
             f"print({self.source.inspected}.verdict)",
@@ -312,13 +312,13 @@ class Export:
             rig = "" if self.source.rig is None else ", rig='rig.toml'"
             shown = f"{{{self.source.path.name!r}: {self.source.python[0]}}}"
             return Command(
-                self.source.shell("--report", _quoted(self.name)),
+                self.source.shell("--report", quoted(self.name)),
                 f"fw.write_report({self.name!r}, {shown}{rig})",
             )
         mesh = " --ply mesh" if self._kind else ""
         more = f", {_arguments(**self._kind)}" if self._kind else ""
         return Command(
-            self.source.shell("--out", f"{_quoted(self.name)}{mesh}"),
+            self.source.shell("--out", f"{quoted(self.name)}{mesh}"),
             f"fw.write({self.name!r}, {''.join(self.source.python)}{more})",
         )
 
@@ -342,23 +342,6 @@ class DrawFigures:
         )
 
 
-ACTIONS: dict[str, type[Action]] = {
-    kind.__name__: kind
-    for kind in (
-        SetUp,
-        Scan,
-        TakePose,
-        DrawBoard,
-        Calibrate,
-        MergeViews,
-        Inspect,
-        Export,
-        DrawFigures,
-    )
-}
-"""What can be done, by the names that the file of what was done has."""
-
-
 def _arguments(**values: Any) -> str:
     """Arguments of a call in Python."""
     return ", ".join(f"{name}={value!r}" for name, value in values.items())
@@ -367,10 +350,11 @@ def _arguments(**values: Any) -> str:
 def _options(values: dict[str, Any]) -> str:
     """Options of a command, a space after each; they have the names of the library's arguments."""
     return "".join(
-        f"--{name.replace('_', '-')} " + ("" if value is True else f"{_quoted(str(value))} ")
+        f"--{name.replace('_', '-')} " + ("" if value is True else f"{quoted(str(value))} ")
         for name, value in values.items()
     )
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
+    """A word for a shell."""
     return shlex.quote(text)

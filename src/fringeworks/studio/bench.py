@@ -14,6 +14,7 @@ from fringeworks.studio import live, tasks
 from fringeworks.studio.actions import Action, Scan, SetUp, TakePose, perform
 from fringeworks.studio.log import CommandLog
 from fringeworks.studio.notes import Notes
+from fringeworks.studio.part_actions import CheckRig
 from fringeworks.studio.series import Series
 from fringeworks.studio.session import Session
 from fringeworks.studio.trash import Trash
@@ -32,6 +33,8 @@ USUAL_BOARD = "chessboard:11x8:12"
 """The board that is offered first."""
 USUAL_FRAMES = 24
 """Frames of the plan that a set-up proposes: both axes, as a calibration needs them."""
+CHECK = "rig-check"
+"""Name of the captures by which a rig is checked."""
 SETUP_STEPS = 8
 """Steps that a set-up tells of."""
 LIVE_PICTURE, LIVE_POINTS = "live picture", "live points"
@@ -205,6 +208,14 @@ class Bench:
         """Judge the poses that lie in the folder."""
         given = self.workspace, self.board
         return self._use_devices(session, "judging the poses", tasks.judge, *given)
+
+    def check_rig(self, session: Session) -> Job:
+        """Take a pose of the board, and check by it whether the rig still holds."""
+        stored = self._setup()
+        self._needs(self.workspace.rig, "calibrate first")
+        name = self.workspace.free(CHECK, "")
+        action = CheckRig(name, self.board, self._others(stored, self.words("calibrate")))
+        return self._act(session, "checking the rig", action, stored.plan.frames + 2)
 
     def calibrated_with_all(self) -> bool:
         """Whether the rig is younger than every pose: no further ones are asked for then."""

@@ -10,12 +10,43 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from fringeworks.studio.actions import ACTIONS, Action, Command, Export, Inspect, TakePose
+from fringeworks.studio.actions import (
+    Action,
+    Calibrate,
+    Command,
+    DrawBoard,
+    DrawFigures,
+    Export,
+    Inspect,
+    MergeViews,
+    Scan,
+    SetUp,
+    TakePose,
+)
+from fringeworks.studio.part_actions import PART_ACTIONS, Deviate, WriteMesh
 from fringeworks.studio.tasks import Source
 from fringeworks.studio.worker import Job
 from fringeworks.studio.workspace import Workspace
 from fringeworks.types import InputError
 
+ACTIONS: dict[str, type[Action]] = {
+    kind.__name__: kind
+    for kind in (
+        SetUp,
+        Scan,
+        TakePose,
+        DrawBoard,
+        Calibrate,
+        MergeViews,
+        Inspect,
+        Export,
+        DrawFigures,
+        *PART_ACTIONS,
+    )
+}
+"""What can be done, by the names that the file of what was done has."""
+OF_SOURCES = (Inspect, Export, WriteMesh, Deviate)
+"""Actions that know what they were computed from."""
 MOST_LINES = 5000
 """Lines of the file of what was done that are read, from its end."""
 MOST_BYTES = 5_000_000
@@ -77,7 +108,7 @@ class CommandLog:
 
     def _keep(self, job: Job, action: Action) -> None:
         pose = job.result["name"] if isinstance(action, TakePose) else None
-        if isinstance(action, Inspect | Export):
+        if isinstance(action, OF_SOURCES):
             action = replace(action, source=action.source.settled())
         one = Done(action, datetime.now(UTC), pose)
         kind = type(action)
@@ -113,7 +144,7 @@ class CommandLog:
             kind = ACTIONS[given["action"]]
             action = TypeAdapter(kind).validate_python(given["given"])
             when, pose = datetime.fromisoformat(given["when"]), given["pose"]
-            if isinstance(action, Inspect | Export):
+            if isinstance(action, OF_SOURCES):
                 action = replace(action, source=self._own(action.source))
             one = Done(action, when, None if pose is None else str(pose))
             return one if one.command else None

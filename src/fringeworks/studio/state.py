@@ -7,8 +7,9 @@ import shutil
 import tempfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
+from fringeworks.evaluate.inspect import Verdict
 from fringeworks.files.atomic import StrPath
 from fringeworks.studio import learning, tasks
 from fringeworks.studio.actions import (
@@ -22,6 +23,7 @@ from fringeworks.studio.actions import (
     perform,
 )
 from fringeworks.studio.bench import Bench
+from fringeworks.studio.part_actions import Deviate, InspectAll, WriteMesh
 from fringeworks.studio.recipes import RecipeKeeper, as_shown
 from fringeworks.studio.session import Session, Shown
 from fringeworks.studio.tour import PART, Tour, begin_tour
@@ -224,6 +226,46 @@ class Studio(Bench):
         name = self.workspace.free(Path(shown.source).name, suffix)
         action = Export(self._source(shown), f"{name}{suffix}", kind)
         return self._calculate(session, f"writing {action.name}", action, 2)
+
+    def write_mesh(self, session: Session, shown: Shown, suffix: str) -> Job:
+        """Write what is shown as a mesh for printers and CAD."""
+        name = self.workspace.free(Path(shown.source).name, suffix)
+        action = WriteMesh(self._source(shown), f"{name}{suffix}")
+        return self._calculate(session, f"writing {action.name}", action, 3)
+
+    def deviate(self, session: Session, name: str, model: str, tolerance_mm: float | None) -> Job:
+        """Compare a part with a drawing in the folder, and show the deviation.
+
+        Raises
+        ------
+        InputError where the folder has no such drawing.
+        """
+        if model not in self.workspace.drawings():
+            raise InputError(f"drawing: expected one in the folder, got {model!r}")
+        self._replace(session)
+        pending = Shown(name, "deviation", {"model": model}, next(self._numbers))
+        source = self._source(Shown(name, "windowed", {}, 0))
+        action = Deviate(source, model, tolerance_mm, str(self.surface(pending.number)))
+        job = self._calculate(session, pending.work, action, 4)
+        session.pending = pending
+        return job
+
+    def inspect_all(self, session: Session, names: list[str]) -> Job:
+        """Judge many captures by the tolerances."""
+        if not self.recipes.read().tolerances:
+            raise InputError("No tolerance is set: add one in Look, then judge the parts.")
+        if not names:
+            raise InputError("There is no capture to judge.")
+        rig = self.workspace.rig if self.workspace.rig.is_file() else None
+        self.recipes.keep(replace(self.recipes.read(), rig=rig))
+        job = self._calculate(session, "judging all", InspectAll(tuple(names)), len(names))
+        job.when_done(lambda: self._note_verdicts(job.result))
+        return job
+
+    def _note_verdicts(self, found: dict[str, str]) -> None:
+        for name, verdict in found.items():
+            if verdict in get_args(Verdict):
+                self.notes.judged(name, {"verdict": verdict})
 
     def _source(self, shown: Shown) -> tasks.Source:
         """What a surface is computed from."""

@@ -163,7 +163,7 @@ def show(link: Link, source: Source, target: str) -> dict[str, Any]:
         raise InputError(f"{source.path.name}: expected a surface, got another result")
     link.progress("packing the surface")
     known = None if source.rig is None else read_rig(source.rig)
-    every = _thinning(shown)
+    every = thinning_of(shown)
     surface = packed(shown, title=source.path.name, camera=known, every=every)
     Path(target).write_bytes(surface.data)
     return {"figures": summarise(result), "every": every}
@@ -239,8 +239,8 @@ def picture_of(known: Path | HeightMap | PointCloud) -> NDArray[Any]:
     return np.asarray(mean)
 
 
-def _thinning(result: Any) -> int:
-    """Every how many columns and rows are shown."""
+def thinning_of(result: Any) -> int:
+    """Return every how many columns and rows of a result are shown."""
     inner = surface_of(result)
     pixels = len(inner.xyz_mm) if isinstance(inner, Points) else inner.reason.size
     return thinning(pixels, PIXELS)

@@ -49,19 +49,25 @@ class Job:
     """The last value that the work has sent, by kind."""
     _then: list[Callable[[], None]] = field(default_factory=list, repr=False)
     """Called once when the work has ended well."""
+    _lock: Any = field(default_factory=threading.RLock, repr=False)
 
     def when_done(self, action: Callable[[], None]) -> None:
-        """Call something once when the work has ended well, at once where it has already."""
-        self._then.append(action)
-        self.follow_up()
-
-    def follow_up(self) -> None:
-        """Call what waits for work that has ended well."""
-        while self.state == "done" and self._then:
-            try:
-                action = self._then.pop()
-            except IndexError:  # another thread was quicker
+        """Call something when the work has ended well, at once where it has already."""
+        with self._lock:
+            if self.state != "done":
+                self._then.append(action)
                 return
+        action()
+
+    def finish(self, result: Any) -> None:
+        """End the work well, after everything that waits for that."""
+        self.result = result
+        while True:
+            with self._lock:
+                if not self._then:
+                    self.state = "done"
+                    return
+                action = self._then.pop(0)
             action()
 
     @property
@@ -220,8 +226,7 @@ class Worker:
                 elif kind == "latest":
                     job.latest[value[0]] = value[1]
                 elif kind == "done":
-                    job.result, job.state = value, "done"
-                    job.follow_up()
+                    job.finish(value)
                 else:
                     job.problem, job.state = value, "failed"
         except (EOFError, OSError):

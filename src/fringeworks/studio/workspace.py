@@ -25,6 +25,8 @@ RESULTS = (
     *(".pcd", ".csv", ".e57", ".las", ".laz"),
 )
 """Suffixes of results that can be looked at."""
+DRAWINGS = (".stl", ".obj", ".off", ".ply")
+"""Suffixes of drawings that parts are compared with."""
 POSE = re.compile(r"pose-\d+")
 """Names of the board's poses."""
 RESERVED = (
@@ -177,6 +179,14 @@ class Workspace:
             entry.name
             for entry in _entries(self.root)
             if Path(entry.name).suffix.lower() in RESULTS and _is_file(Path(entry.path))
+        )[:MOST_LISTED]
+
+    def drawings(self) -> list[str]:
+        """Names of the files that hold drawings or meshes."""
+        return sorted(
+            entry.name
+            for entry in _entries(self.root)
+            if Path(entry.name).suffix.lower() in DRAWINGS and _is_file(Path(entry.path))
         )[:MOST_LISTED]
 
     def taken_poses(self) -> list[str]:

@@ -45,10 +45,18 @@ class _Calibrate:
             ui.button("Judge again", on_click=judge).props("flat no-caps")
             calibrate = step.attempt(partial(self._studio.calibrate, step.session))
             ui.button("Calibrate", on_click=calibrate).props("outline no-caps")
+            check = step.attempt(partial(self._studio.check_rig, step.session))
+            ui.button("Check the rig", on_click=check).props("flat no-caps")
         work(step, ("calibrate", "judging"), self._judged, devices=True)
         self._poses()
         work(step, ("calibrating", "drawing the board"), self._calibrated)
+        work(step, ("checking the rig",), self._checked, devices=True)
+        self._drift = ui.label().classes("fw-lines").props('role="status"')
         self._verdict()
+
+    def _checked(self, job: Job) -> None:
+        lines = [job.result["text"], *(line for line, _ in finding_lines(job.result))]
+        self._drift.set_text("\n".join(lines))
 
     def _judged(self, job: Job) -> None:
         self._studio.poses = job.result

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from functools import partial
 from typing import Any
 from urllib.parse import quote
@@ -10,11 +11,14 @@ from urllib.parse import quote
 from nicegui import ui
 
 from fringeworks.studio.notes import Note
-from fringeworks.studio.steps.parts import Step, empty, say
+from fringeworks.studio.steps.parts import Step, empty, say, work
+from fringeworks.studio.worker import Job
 from fringeworks.types import InputError
 
 VERDICTS = {"": "Any verdict", "pass": "pass", "fail": "fail", "undecided": "undecided"}
 """Verdicts that can be asked for."""
+MOST_SAID = 10
+"""Parts that could not be judged of which the page says why."""
 KEYS = "↑ ↓ choose · Enter looks · F2 renames · Delete deletes (Undo brings it back)"
 """What the keys do in the list."""
 
@@ -59,6 +63,10 @@ class _Captures:
                 action = self._step.attempt(partial(self._do, does))
                 style = "no-caps" if does == "look" else "flat no-caps"
                 ui.button(name, on_click=action).props(style)
+            every = self._step.attempt(self._judge_all)
+            ui.button("Judge all", on_click=every).props("outline no-caps")
+        work(self._step, ("judging all",), self._judged)
+        self._said = ui.label().classes("fw-lines").props('role="status"')
         self._dialog = ui.dialog()
         with self._dialog, ui.card():
             self._new = ui.input("New name").classes("fw-wide").props("autofocus")
@@ -121,6 +129,16 @@ class _Captures:
         else:
             self._new.set_value(self._chosen)
             self._dialog.open()
+
+    def _judge_all(self) -> None:
+        self._studio.inspect_all(self._step.session, self._studio.workspace.captures())
+
+    def _judged(self, job: Job) -> None:
+        counts = Counter(job.result.values())
+        told = [f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict]]
+        wrong = [f"{name}: {why}" for name, why in job.result.items() if why not in VERDICTS]
+        self._said.set_text("\n".join([", ".join(told), *wrong[:MOST_SAID]]))
+        self._draw(self._rows())
 
     def _rename(self) -> None:
         if self._chosen is not None:

@@ -24,6 +24,8 @@ OF_POINTS = {
     "E57": (".e57", ""),
     "LAS": (".las", ""),
 }
+MESHES = {"STL, to print": ".stl", "OBJ": ".obj", "3MF": ".3mf", "GLB": ".glb"}
+"""Meshes of points in the order of a frame's pixels."""
 """Further formats of points."""
 OF_HEIGHTS = {"TIFF": (".tif", ""), "X3P": (".x3p", ""), "GSF": (".gsf", "")}
 """Further formats of heights over a plane."""
@@ -42,6 +44,9 @@ def build(step: Step) -> None:
             for name, (suffix, kind) in formats.items():
                 write = step.attempt(partial(studio.export, step.session, shown, suffix, kind))
                 ui.button(name, on_click=write).props("outline no-caps")
+            for name, suffix in {} if heights else MESHES.items():
+                mesh = step.attempt(partial(studio.write_mesh, step.session, shown, suffix))
+                ui.button(name, on_click=mesh).props("outline no-caps")
 
     def written(job: Job) -> None:
         ui.download(f"/file/{job.result}", job.result)

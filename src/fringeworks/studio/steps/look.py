@@ -11,18 +11,34 @@ from nicegui import ui
 from fringeworks.pair.analyse import methods
 from fringeworks.studio.places import Place
 from fringeworks.studio.steps.areas import areas
-from fringeworks.studio.steps.parts import SHOWN_S, Step, empty, figures, show_findings, work
+from fringeworks.studio.steps.parts import (
+    SHOWN_S,
+    Step,
+    checked,
+    disclosure,
+    empty,
+    figures,
+    number,
+    show_findings,
+    work,
+)
 from fringeworks.studio.tasks import is_stack
 from fringeworks.studio.worker import Job
 from fringeworks.types import InputError
 
+DEVIATION = "deviation"
+"""Stands for a method in addresses of parts that are compared with a drawing."""
 USUAL = "windowed"
 """The method that addresses leave out."""
 FIGURES = {
     "points": "Points",
-    "failed_fraction": "Pixels without a value",
+    "failed_fraction": "Pixels without a value, %",
     "median_sigma_mm": "Median σ, mm",
     "median_sigma": "Median σ",
+    "mean_mm": "Mean deviation, mm",
+    "rms_mm": "Root mean square of the deviation, mm",
+    "outside_share": "Outside of the tolerance, %",
+    "surely_outside_share": "Outside by more than 2 σ, %",
     "method": "Method",
     "unit": "Unit",
 }
@@ -59,7 +75,7 @@ class _Look:
             self._method = ui.select(
                 names,
                 label="Method",
-                value=shown.method if shown else USUAL,
+                value=shown.method if shown and shown.method in names else USUAL,
                 on_change=lambda: self._offer(),
             ).classes("fw-field")
             self._compare = ui.checkbox(
@@ -72,12 +88,33 @@ class _Look:
         mount = ui.element("div").classes("fringe-viewer-mount fw-full")
         self._mount = f"c{mount.id}"
         self._below = ui.column()
+        with disclosure("Compare with a drawing (CAD)"):
+            self._drawing()
         self._areas = areas(step, lambda: self._source.value, self._recompute)
         self._offer()
         if self._session.shown is not None:
             ui.timer(SHOWN_S, self._draw, once=True)
         elif not sources:
             empty("There is nothing to look at yet: scan a part, or try a virtual one in Start.")
+
+    def _drawing(self) -> None:
+        """Choose a drawing in the folder, and compare the part with it."""
+        drawings = self._studio.workspace.drawings()
+        if not drawings:
+            empty("Put a drawing into the folder: .stl, .obj, .off or .ply, in mm.")
+            return
+        with ui.row().classes("fw-fields"):
+            model = ui.select(drawings, value=drawings[0], label="Drawing").classes("fw-wide")
+            within = number("Tolerance, mm", low=1e-6, high=1e6).classes("fw-narrow")
+
+            def compare() -> None:
+                if not self._source.value:
+                    raise InputError("part: expected a capture to be chosen, got none")
+                name = str(self._source.value)
+                self._studio.deviate(self._session, name, str(model.value), checked(within))
+                self._step.move(_place(name, DEVIATION, {"model": model.value}))
+
+            ui.button("Compare", on_click=self._step.attempt(compare)).props("outline no-caps")
 
     def _ask(self, place: Place, sources: list[str]) -> None:
         """Measure what the address asks for, unless it is shown already."""
@@ -88,6 +125,14 @@ class _Look:
         if place.source not in sources:
             raise_later = f"{place.source}: expected a capture or result in the folder, got none"
             ui.label(raise_later).classes("fw-bad").props('role="alert"')
+            return
+        if place.method == DEVIATION and not self._session.recall(
+            place.source, DEVIATION, place.options
+        ):
+            model = str(place.options.get("model", ""))
+            self._step.attempt(
+                lambda: self._studio.deviate(self._session, place.source, model, None)
+            )()
             return
         method, options = place.method or USUAL, place.options
         if not self._session.recall(place.source, method, options):
@@ -148,7 +193,7 @@ class _Look:
         ui.run_javascript(f"fringeShow({json.dumps(self._mount)}, {json.dumps(numbers)})")
         self._below.clear()
         with self._below:
-            title = Path(shown.source).name
+            title = shown.result.get("title", Path(shown.source).name)
             with ui.row().classes("items-center"):
                 ui.label(title).classes("fw-h2")
                 ui.button("Write files", on_click=lambda: self._step.go("export")).props(

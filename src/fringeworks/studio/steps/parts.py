@@ -279,4 +279,13 @@ def figures(values: dict[str, Any], names: dict[str, str]) -> None:
             if value is None:
                 continue
             ui.label(name).classes("fw-quiet")
-            ui.label(f"{value:.4g}" if isinstance(value, float) else str(value))
+            ui.label(_figure(name, value))
+
+
+def _figure(name: str, value: Any) -> str:
+    """A figure as it is read: shares in %, counts in groups of three digits."""
+    if name.endswith(", %"):
+        return f"{100.0 * value:.3g}"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return f"{value:,}"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -194,6 +194,7 @@ def test_methods_change_the_surface_and_are_compared(shared, pages):
     assert np.nanmax(gap) <= 0.13
     # A reload and a second tab of the same visitor find the state.
     again = pages(same=True)
+    again.step("Look")
     assert again.surface() == (other.reason == fw.Reason.OK).sum()
 
 

@@ -217,3 +217,31 @@ def test_every_place_has_an_address(place):
 def test_other_addresses_have_no_place(address):
     found = place_of(address)
     assert found is None or found.step == "look"
+
+
+def test_a_folder_that_cannot_be_written_to_is_looked_at(space, monkeypatch):
+    """Every user can be root in a container: the system is asked as it would answer others."""
+    fw.files.write_pair(
+        space.root / "pair", fw.simulate.standard_scene("parabola", size=64, fringes=6, bits=8)
+    )
+    monkeypatch.setattr(os, "access", lambda _, mode: not mode & os.W_OK)
+    studio = Studio(space.root)
+    try:
+        one = studio.session("one")
+        assert studio.workspace.captures() == ["pair"]
+        assert studio.look(one, "pair", "windowed", {}).open
+        for refused in (studio.run_setup, studio.print_board, studio.start_tour):
+            with pytest.raises(InputError, match="read-only"):
+                refused(one)
+        with pytest.raises(InputError, match="read-only"):
+            studio.delete(one, "pair")
+    finally:
+        studio.close()
+
+
+def test_exports_are_numbered_and_replace_nothing(space):
+    (space.root / "part.ply").write_text("mine")
+    assert space.free("part", ".ply") == "part-2"
+    assert space.free("part", ".stl") == "part"
+    with pytest.raises(InputError):
+        space.free("../part", ".ply")

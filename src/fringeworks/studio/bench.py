@@ -288,6 +288,7 @@ class Bench:
 
     def _act(self, session: Session, name: str, action: Action, total: int) -> Job:
         """Begin an action that uses the devices."""
+        self.workspace.check_writable()
         job = self._use_devices(session, name, perform, action, self.workspace, total=total)
         return self.log.note(job, action)
 

@@ -79,6 +79,8 @@ def _build(studio: Studio, place: Place) -> None:
         root = ui.label(studio.workspace.root.name).classes("fw-folder")
         root.tooltip(str(studio.workspace.root))
         nav = ui.element("nav").classes("fw-steps").props('aria-label="Steps"')
+        if not studio.workspace.writable:
+            ui.label("read-only").classes("fw-warn")
         undo = ui.row().classes("fw-undo")
     shell = _Shell(studio, session, nav, undo, ui.column().classes("fw-content"))
     ui.on("fw-place", shell.came)

@@ -285,6 +285,7 @@ class Studio(Bench):
 
     def _calculate(self, session: Session, name: str, action: Action, total: int = 0) -> Job:
         """Begin an action that needs no devices."""
+        self.workspace.check_writable()
         job = self._compute(session, name, perform, action, self.workspace, total=total)
         return self.log.note(job, action)
 
@@ -354,6 +355,7 @@ class Studio(Bench):
     def _idle(self, session: Session) -> None:
         """Refuse to move files that somebody may be reading or writing."""
         self.hold(session)
+        self.workspace.check_writable()
         series = self.series is not None and self.series.running
         if series or (self.devices.busy and not self._is_live()) or self.compute.busy:
             raise InputError("Something is being measured: wait, or cancel it.")

@@ -107,6 +107,11 @@ class Workspace:
         """The folder of the board's poses."""
         return self.root / "board"
 
+    @property
+    def writable(self) -> bool:
+        """Whether files can be written into the folder."""
+        return os.access(self.root, os.W_OK)
+
     def inside(self, name: str) -> Path:
         """Return the path of something in the folder.
 
@@ -143,6 +148,19 @@ class Workspace:
         """
         names = (name if k == 1 else f"{name}-{k}" for k in range(1, MOST_VISITED))
         return next(n for n in names if not self.new(n, suffix).exists())
+
+    def check_writable(self) -> None:
+        """Refuse to write where that is not possible, before anything is measured.
+
+        Raises
+        ------
+        FileProblem for a folder that can be looked at only.
+        """
+        if not self.writable:
+            raise FileProblem(
+                f"{self.root.name}: expected a folder that can be written to, got a read-only one: "
+                "its captures can be looked at"
+            )
 
     def check(self) -> None:
         """Refuse links in place of the studio's own files: they would lead out of the folder.
@@ -231,10 +249,15 @@ def _is_file(path: Path) -> bool:
 def open_workspace(folder: StrPath) -> Workspace:
     """Return the workspace of a folder, which is made where it is missing.
 
+    A folder that can be read and not written to can be looked at.
+
     Raises
     ------
     FileProblem where that is not possible.
     """
+    path = Path(folder)
+    if path.is_dir() and os.access(path, os.R_OK | os.X_OK):
+        return Workspace(path.resolve())
     return Workspace(make_folder(folder).resolve())
 
 

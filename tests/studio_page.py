@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import subprocess
 import sys
@@ -33,6 +34,8 @@ class Running:
             [*command, "--port", "0", *options],
             stdout=subprocess.PIPE,
             stderr=self.said,
+            # NiceGUI does not compress under pytest.
+            env={k: v for k, v in os.environ.items() if k != "PYTEST_CURRENT_TEST"},
             text=True,
         )
         try:

@@ -48,9 +48,16 @@ STYLE, SCRIPT = (ROOM.joinpath(f"studio.{kind}").read_text("utf-8") for kind in 
 HEAD = """
 <meta name="description" content="fringeworks studio">
 <link rel="stylesheet" href="/studio.css">
-<script src="/studio.js"></script>
+<script src="/studio.js" defer></script>
 """
 """Loads them."""
+BOOT = """
+<div class="fw-boot" role="banner"><div class="fw-top">
+<span class="fw-brand">fringeworks studio</span>
+<nav class="fw-early" aria-label="Steps">{links}</nav>
+</div></div>
+"""
+"""What is shown until the page's script has built it: the bar with the steps."""
 
 
 def add_page(studio: Studio) -> None:
@@ -74,6 +81,7 @@ def _build(studio: Studio, place: Place) -> None:
     session.tabs += 1
     ui.context.client.on_delete(lambda: studio.left(session))
     ui.add_head_html(HEAD)
+    ui.add_body_html(_boot(place))
     with ui.header(fixed=False).classes("fw-top"):
         ui.link("fringeworks studio", "/").classes("fw-brand").props["data-place"] = "/"
         root = ui.label(studio.workspace.root.name).classes("fw-folder")
@@ -85,6 +93,17 @@ def _build(studio: Studio, place: Place) -> None:
     shell = _Shell(studio, session, nav, undo, ui.column().classes("fw-content"))
     ui.on("fw-place", shell.came)
     shell.show(place)
+
+
+def _boot(place: Place) -> str:
+    """The bar with the steps, before there is anything else."""
+    links = "".join(
+        f'<a href="{Place(name).address}"'
+        + (' aria-current="step"' if name == place.step else "")
+        + f">{name.capitalize()}</a>"
+        for name in STEPS
+    )
+    return BOOT.format(links=links)
 
 
 class _Shell:

@@ -15,7 +15,7 @@ from pathlib import Path
 import uvicorn
 from fastapi import FastAPI, HTTPException, Request
 from fastapi.responses import FileResponse, PlainTextResponse, Response
-from nicegui import ui
+from nicegui import app, ui
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.report.viewer.page import viewer_script, viewer_style
@@ -92,6 +92,8 @@ def studio_app(studio: Studio, port: int = PORT) -> FastAPI:
 
     The port is part of the cookie's name: browsers send cookies to all ports of a host.
     """
+    # No bar at the top while something loads: it has no name, and the page says what it does.
+    app.config.quasar_config["loadingBar"] = {"skipHijack": True}
     api = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     _add_files(api, studio)
     add_page(studio)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import time
 from dataclasses import replace
@@ -98,6 +99,32 @@ def test_from_an_empty_table_to_a_part(studio, visitor, tmp_path, monkeypatch):
         points = fw.files.read_points(tmp_path / name / "scan-001.ply")
         radius = fw.surface.fit_region(points.xyz_mm, "sphere").parameters["radius_mm"]
         assert radius == pytest.approx(RADIUS_MM, abs=0.2)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_a_first_minute(studio, visitor):
+    """One click measures a virtual part; another puts it away for own devices, which can be undone."""
+    page = visitor.page
+    begun = time.monotonic()
+    visitor.click("Try with a virtual part")
+    for words in ("The projector shows test pictures", "A board whose corners", "The corners tell"):
+        visitor.sees(words, 200)
+    page.wait_for_url("**/look/virtual-part", timeout=300_000)
+    assert visitor.surface() > 80_000
+    print(f"a first minute took {time.monotonic() - begun:.0f} s")
+    visitor.step("Calibrate")
+    visitor.sees("good for ±0.0")
+    visitor.sees("Next: scan")
+    # Nothing asks for further poses beside that.
+    assert not page.get_by_text(re.compile("take .* more pose|are few")).count()
+    visitor.step("Start")
+    visitor.click("Now with your devices")
+    page.wait_for_url("**/set-up")
+    assert not (studio.folder / "setup.toml").exists()
+    page.get_by_role("button", name="Undo: put the virtual part away").click()
+    visitor.sees("No finding")
+    assert (studio.folder / "virtual-part" / "capture.toml").is_file()
 
 
 @pytest.fixture(scope="module")

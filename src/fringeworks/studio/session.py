@@ -69,6 +69,12 @@ class Session:
         """The last computation whose name begins with one of these."""
         return next((job for job in reversed(self.jobs) if job.name.startswith(names)), None)
 
+    def catch_up(self) -> None:
+        """Take over a result that was computed while another step was shown."""
+        job = None if self.pending is None else self.job((self.pending.work,))
+        if job is not None and job.state == "done":
+            self.arrived(job.name, job.result)
+
     def arrived(self, name: str, result: dict[str, Any]) -> None:
         """Take over a result that was computed; the one before is kept for comparison."""
         if self.pending is not None and name == self.pending.work:

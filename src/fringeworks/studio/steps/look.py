@@ -57,11 +57,7 @@ class _Look:
         self._step, self._studio, self._session = step, step.studio, step.session
         space = self._studio.workspace
         sources = [*space.captures(), *space.results()]
-        pending = self._session.pending
-        job = None if pending is None else self._session.job((pending.work,))
-        if job is not None and job.state == "done":
-            # It ended while another step was shown.
-            self._session.arrived(job.name, job.result)
+        self._session.catch_up()
         self._ask(step.place, sources)
         shown = self._session.pending or self._session.shown
         with ui.row().classes("fw-fields"):

@@ -6,6 +6,7 @@ import json
 import re
 import urllib.error
 import urllib.request
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -104,6 +105,9 @@ def test_every_step_has_an_address_and_a_language(studio):
         assert status == 200, step
         assert re.search(r'<html[^>]* lang="en', text), step
     assert fetched(studio, "/look/bust")[0] == 200
+    # What an address holds is no code.
+    hostile = "</title><script>window.hit=1</script>"
+    assert hostile not in fetched(studio, f"/look/{quote(hostile)}?method={quote(hostile)}")[1]
     for path in ("/nothing", "/look-out", "/scan/bust", "/captures/x"):
         assert fetched(studio, path)[0] == 404, path
 

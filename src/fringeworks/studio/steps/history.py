@@ -23,10 +23,10 @@ def build(step: Step) -> None:
         "be undone as well."
     ).classes("fw-quiet")
     _entries(step)
-    heading("What was done")
     if step.studio.log.done:
         commands(step)
     else:
+        heading("What was done")
         empty("Nothing was done in this folder yet. Commands that do the same will be here.")
 
 

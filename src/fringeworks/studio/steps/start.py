@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
+from fringeworks.files.pair import CAPTURE_FILE
 from fringeworks.studio.places import Place
 from fringeworks.studio.steps.parts import UPDATE_S, Step, empty, place_link
 from fringeworks.studio.tour import PART, Stage, Tour
@@ -97,7 +98,7 @@ class _Trial:
             if tour.session is self._step.session:
                 self._step.go("look", PART)
                 return
-        there = PART in self._studio.workspace.captures()
+        there = (self._studio.workspace.root / PART / CAPTURE_FILE).is_file()
         running = tour is not None and tour.running
         self._begin.set_visibility(not running)
         self._stop.set_visibility(running)

@@ -91,6 +91,7 @@ def walk(page: Any) -> None:
     page.get_by_text("modulation").wait_for()
     save(page.screenshot(), IMAGES / "studio" / "live.png")
     click(page, "Stop")
+    choose(page, "moves by itself")
     step(page, "Calibrate")
     for k in range(POSES):
         if k == FEW_POSES:
@@ -100,6 +101,7 @@ def walk(page: Any) -> None:
             take(page, "board")
         click(page, "Take a pose")
         page.get_by_text(f"pose-{k + 1:02d}: ").wait_for()
+        page.wait_for_timeout(500)
     opened(page, "Live picture")
     click(page, "Calibrate")
     page.get_by_text("good for").first.wait_for()

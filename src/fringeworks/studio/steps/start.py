@@ -61,7 +61,7 @@ class _Trial:
             )
             ui.label(
                 "Without any hardware: a virtual projector and camera are set up and calibrated, a "
-                "part is scanned, and its surface opens. It takes less than a minute."
+                "part is scanned, and its surface opens. It takes about a minute."
             )
             with ui.row():
                 begin = step.attempt(lambda: self._studio.start_tour(step.session))

@@ -30,25 +30,25 @@ def pose(studio, number):
 
 
 def test_the_virtual_scene_suits_each_step(studio):
-    assert studio.words("set up")[1] == "virtual:plane"
-    assert studio.words("scan")[1] == "virtual:bust"
-    assert studio.words("scan", 45.0)[1] == "virtual:turntable-45"
+    assert studio.words_for("set up")[1] == "virtual:plane"
+    assert studio.words_for("scan")[1] == "virtual:bust"
+    assert studio.words_for("scan", 45.0)[1] == "virtual:turntable-45"
     studio.scene = "sphere"
-    assert {studio.words(purpose)[1] for purpose in ("set up", "calibrate", "scan")} == {
+    assert {studio.words_for(purpose)[1] for purpose in ("set up", "calibrate", "scan")} == {
         "virtual:sphere"
     }
 
 
 def test_the_virtual_board_moves_to_the_pose_that_is_missing(studio):
-    assert studio.words("calibrate")[1] == "virtual:board-0"
+    assert studio.words_for("calibrate")[1] == "virtual:board-0"
     for number in (1, 2, 3):
         pose(studio, number)
-    assert studio.words("calibrate")[1] == "virtual:board-3"
+    assert studio.words_for("calibrate")[1] == "virtual:board-3"
     studio.undo_pose("pose-02")
-    assert studio.words("calibrate")[1] == "virtual:board-1"
+    assert studio.words_for("calibrate")[1] == "virtual:board-1"
     for number in (2, *range(4, POSES + 1)):
         pose(studio, number)
-    assert studio.words("calibrate")[1] == "virtual:board-0"
+    assert studio.words_for("calibrate")[1] == "virtual:board-0"
 
 
 def test_no_pose_is_asked_for_after_the_calibration(studio):

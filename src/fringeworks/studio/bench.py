@@ -81,7 +81,14 @@ class Bench:
         if stored.camera.startswith(f"{VIRTUAL}:"):
             self.camera = VIRTUAL
 
-    def words(self, purpose: Purpose = "scan", turned_deg: float | None = None) -> tuple[str, str]:
+    @property
+    def words(self) -> tuple[str, str]:
+        """Words that open projector and camera for a scan; see ``words_for``."""
+        return self.words_for()
+
+    def words_for(
+        self, purpose: Purpose = "scan", turned_deg: float | None = None
+    ) -> tuple[str, str]:
         """Words that open projector and camera.
 
         Parameters
@@ -158,14 +165,14 @@ class Bench:
     ) -> Job:
         """Show what the camera sees until it is stopped; where asked for, find the board in it."""
         poses = (self.workspace, self.board) if board else None
-        words = self.words("calibrate" if board else "set up")
+        words = self.words_for("calibrate" if board else "set up")
         given = words, shown, level, exposure_ms, poses
         return self._use_devices(session, LIVE_PICTURE, live.live_picture, *given)
 
     def find_exposure(self, session: Session) -> Job:
         """Find the exposure that suits the scene."""
         return self._use_devices(
-            session, "looking for the exposure", live.find_exposure, self.words("set up")
+            session, "looking for the exposure", live.find_exposure, self.words_for("set up")
         )
 
     def start_points(self, session: Session) -> Job:
@@ -173,7 +180,7 @@ class Bench:
         self._needs(self.workspace.setup, "do Set up first")
         self._needs(self.workspace.rig, "calibrate first")
         files = str(self.workspace.setup), str(self.workspace.rig)
-        return self._use_devices(session, LIVE_POINTS, live.live_points, self.words(), *files)
+        return self._use_devices(session, LIVE_POINTS, live.live_points, self.words_for(), *files)
 
     def stop_live(self, session: Session) -> None:
         """End the live picture or the live points.
@@ -195,13 +202,13 @@ class Bench:
 
     def run_setup(self, session: Session) -> Job:
         """Do a set-up."""
-        action = SetUp(*self.words("set up"), USUAL_FRAMES)
+        action = SetUp(*self.words_for("set up"), USUAL_FRAMES)
         return self._act(session, "set up", action, SETUP_STEPS)
 
     def take_pose(self, session: Session) -> Job:
         """Take a pose of the board."""
         stored = self._setup()
-        action = TakePose(self.board, self._others(stored, self.words("calibrate")))
+        action = TakePose(self.board, self._others(stored, self.words_for("calibrate")))
         return self._act(session, "calibrate", action, stored.plan.frames + 1)
 
     def judge_poses(self, session: Session) -> Job:
@@ -214,7 +221,7 @@ class Bench:
         stored = self._setup()
         self._needs(self.workspace.rig, "calibrate first")
         name = self.workspace.free(CHECK, "")
-        action = CheckRig(name, self.board, self._others(stored, self.words("calibrate")))
+        action = CheckRig(name, self.board, self._others(stored, self.words_for("calibrate")))
         return self._act(session, "checking the rig", action, stored.plan.frames + 2)
 
     def calibrated_with_all(self) -> bool:
@@ -251,7 +258,7 @@ class Bench:
         how = how or Take()
         self._free(name, how)
         stored = self._setup()
-        action = Scan(name, how, self._others(stored, self.words("scan", turned_deg)))
+        action = Scan(name, how, self._others(stored, self.words_for("scan", turned_deg)))
         self.notes.forget(name)
         return self._act(session, "scan", action, how.hdr * stored.plan.frames + 1)
 

@@ -1,4 +1,4 @@
-# demo · unit · test · thorough · long · faults · fuzz · kills · check · bench · docs · gallery · screenshots · wheel · audit: the only entry points. Each makes its
+# demo · unit · test · thorough · long · faults · fuzz · kills · check · bench · docs · gallery · screenshots · look · wheel · audit: the only entry points. Each makes its
 # own .venv and needs nothing but python3 (3.11 or later), cargo and make.
 
 PYTHON ?= python3
@@ -13,7 +13,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 RUST := Cargo.toml Cargo.lock $(shell find crates -name '*.rs' -o -name Cargo.toml)
 WORK ?=
 
-.PHONY: demo unit test thorough long faults fuzz kills check bench docs gallery clean screenshots wheel audit
+.PHONY: demo unit test thorough long faults fuzz kills check bench docs gallery clean screenshots look wheel audit
 
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
@@ -95,6 +95,10 @@ screenshots: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
 	$(BIN)/python docs/make_screenshots.py demo/bust.html
 	$(BIN)/python docs/make_studio_screenshots.py
+
+# Every page of the studio in light, dark and on a phone, to be looked at, in the folder look/.
+look: $(VENV)/.built
+	$(BIN)/python docs/make_studio_screenshots.py --look look
 
 # Wheel and source distribution in dist/. The wheel is installed into an empty environment whose path holds nothing but that
 # environment, so that neither cargo nor a compiler can help, and is tested there: by the quick layer, or with ALL=1 by the tests of `make test`.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import textwrap
 from collections.abc import Sequence
 from datetime import date
@@ -18,6 +19,8 @@ from matplotlib import pyplot as plt
 from benchmarks.harness import Growth, Result, Row
 from fringeworks.files.atomic import write_text
 
+LABEL_LETTERS = 62
+"""Letters of a line below a bar's name: the longest work fits."""
 PICTURE = Path("images") / "benchmarks.png"
 
 HEAD = """# Benchmarks
@@ -123,15 +126,17 @@ def growth_line(row: Growth) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
-def shortened(text: str, letters: int) -> str:
-    """The beginning of a text, up to a word, in so many letters."""
-    return textwrap.shorten(text, letters, placeholder=" …")
+def label(row: Result) -> str:
+    """What a bar shows: our work on one line, the peer below it; remarks in brackets stay in the
+    table."""
+    peer = re.sub(r" \([^)]*\)", "", row.peer)
+    return "\n".join(textwrap.wrap(row.work, LABEL_LETTERS) + textwrap.wrap(peer, LABEL_LETTERS))
 
 
 def draw(results: Sequence[Result], growth: Sequence[Growth], target: Path) -> None:
     """Ratios as bars, and times over pixels."""
     figure, (left, right) = plt.subplots(
-        1, 2, figsize=(13, 7), width_ratios=(1.1, 1), layout="constrained"
+        1, 2, figsize=(13, 12), width_ratios=(1.1, 1), layout="constrained"
     )
     colours = mpl.colormaps["tab20"].colors
     shown = [row for row in results if row.ratio is not None][::-1]
@@ -142,15 +147,15 @@ def draw(results: Sequence[Result], growth: Sequence[Growth], target: Path) -> N
             left.plot(row.spread, (place, place), color="black", linewidth=1)
         if row.limit_ratio is not None:
             left.plot(row.limit_ratio, place, "|", color="#cc3311", markersize=12, mew=2)
-    labels = [f"{shortened(row.work, 36)} | {shortened(row.peer, 20)}" for row in shown]
-    left.set_yticks(list(places), labels, fontsize=7)
+    left.set_yticks(list(places), [label(row) for row in shown], fontsize=7)
+    left.set_ylim(-0.7, len(shown) - 0.3)
     left.set_xscale("log")
     left.axvline(1.0, color="grey", linewidth=0.8)
     left.set_xlabel("peer's time over ours; red: bar")
     over_pixels = [row for row in growth if row.variable == "megapixels"]
     for row, colour in zip(over_pixels, colours, strict=False):
-        label = f"{row.work}: {row.slope:.2f}"
-        right.loglog(row.sizes, row.seconds, "o-", color=colour, label=label)
+        said = f"{row.work}: {row.slope:.2f}"
+        right.loglog(row.sizes, row.seconds, "o-", color=colour, label=said)
     right.set_xlabel("megapixels")
     right.set_ylabel("time, s")
     right.grid(alpha=0.3)

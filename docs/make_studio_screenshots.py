@@ -1,6 +1,7 @@
 """Write the screenshots of docs/studio.md from a studio with virtual devices: make screenshots.
 
-Wants Chromium and Playwright, as the tests do.
+With ``--look FOLDER``, write every page into a folder instead, in light, dark and on a phone, to be
+looked at: make look. Wants Chromium and Playwright, as the tests do.
 """
 
 from __future__ import annotations
@@ -15,6 +16,9 @@ from typing import Any
 
 from make_screenshots import ARGUMENTS, IMAGES, save
 from playwright.sync_api import sync_playwright
+
+from fringeworks.studio.places import STEPS, Place
+from fringeworks.studio.tour import PART
 
 FEW_POSES = 3
 """Poses after which tilts and corners are still missing."""
@@ -36,8 +40,8 @@ def click(page: Any, name: str) -> None:
 
 def step(page: Any, name: str) -> None:
     """Go to a step."""
-    page.locator(".fw-steps button", has_text=name).click()
-    page.locator(".fw-steps button[aria-current=page]", has_text=name).wait_for()
+    page.locator(".fw-steps a", has_text=name).click()
+    page.locator(".fw-steps a[aria-current=step]", has_text=name).wait_for()
 
 
 def take(page: Any, name: str) -> None:
@@ -49,7 +53,7 @@ def take(page: Any, name: str) -> None:
 
 def opened(page: Any, name: str) -> None:
     """Open or close a part of the page."""
-    page.locator(".q-item__label", has_text=name).click()
+    page.locator("summary", has_text=name).click()
 
 
 def draw(page: Any, box: tuple[int, int, int, int]) -> None:
@@ -72,7 +76,8 @@ def surface(page: Any) -> None:
 
 def walk(page: Any) -> None:
     """Go through all steps."""
-    choose(page, "plane")
+    take(page, "start")
+    step(page, "Set up")
     click(page, "Set up")
     page.get_by_text("No finding").wait_for()
     take(page, "set-up")
@@ -86,9 +91,9 @@ def walk(page: Any) -> None:
     page.get_by_text("modulation").wait_for()
     save(page.screenshot(), IMAGES / "studio" / "live.png")
     click(page, "Stop")
+    choose(page, "moves by itself")
     step(page, "Calibrate")
     for k in range(POSES):
-        choose(page, f"board-{k}")
         if k == FEW_POSES:
             opened(page, "Live picture")
             click(page, "Start")
@@ -96,12 +101,12 @@ def walk(page: Any) -> None:
             take(page, "board")
         click(page, "Take a pose")
         page.get_by_text(f"pose-{k + 1:02d}: ").wait_for()
+        page.wait_for_timeout(500)
     opened(page, "Live picture")
     click(page, "Calibrate")
     page.get_by_text("good for").first.wait_for()
     take(page, "calibrate")
     step(page, "Scan")
-    choose(page, "bust")
     click(page, "Scan (space)")
     page.get_by_text("of 25").wait_for()
     save(page.screenshot(), IMAGES / "studio" / "scan.png")
@@ -121,6 +126,11 @@ def walk(page: Any) -> None:
     page.get_by_text("scan-001: pass").scroll_into_view_if_needed()
     page.evaluate("window.scrollBy(0, 400)")
     take(page, "areas")
+    step(page, "Captures")
+    page.locator(".fw-list [role=option]").first.wait_for()
+    take(page, "captures")
+    step(page, "Look")
+    surface(page)
     click(page, "Write files")
     take(page, "export")
     step(page, "Learn")
@@ -129,7 +139,43 @@ def walk(page: Any) -> None:
     take(page, "learn")
 
 
-def main() -> None:
+SCHEMES = (("light", 1280, 900), ("dark", 1280, 900), ("phone", 390, 844))
+"""Pages that are looked at: name, width and height, px."""
+
+
+def look(browser: Any, address: str, folder: Path) -> None:
+    """Write every page in every scheme, after a virtual part was measured."""
+    page = browser.new_page()
+    page.set_default_timeout(300_000)
+    page.goto(address)
+    page.wait_for_timeout(1000)
+    click(page, "Try with a virtual part")
+    surface(page)
+    for name, width, height in SCHEMES:
+        scheme = "dark" if name == "dark" else "light"
+        context = browser.new_context(
+            viewport={"width": width, "height": height}, color_scheme=scheme
+        )
+        page = context.new_page()
+        page.set_default_timeout(60_000)
+        for place in STEPS:
+            page.goto(address.rstrip("/") + Place(place).address)
+            page.wait_for_selector(".fw-steps a")
+            if place == "look":
+                page.goto(f"{address}look/{PART}")
+                surface(page)
+                opened(page, "Areas and tolerances")
+                page.locator(".fw-live img").wait_for()
+            if place == "learn":
+                click(page, "Try")
+                surface(page)
+            page.wait_for_timeout(1500)
+            slug = place.replace(" ", "-")
+            page.screenshot(path=folder / f"{slug}-{name}.png", full_page=True)
+        context.close()
+
+
+def main(pictures: Path | None) -> None:
     """Start a studio in a temporary folder, and go through it."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "measurements"
@@ -142,6 +188,10 @@ def main() -> None:
             with sync_playwright() as driver:
                 program = shutil.which("chromium") or shutil.which("chromium-browser")
                 browser = driver.chromium.launch(executable_path=program, args=ARGUMENTS)
+                if pictures is not None:
+                    pictures.mkdir(parents=True, exist_ok=True)
+                    look(browser, found[0], pictures)
+                    return
                 page = browser.new_page(viewport={"width": 1280, "height": 1000})
                 page.set_default_timeout(120_000)
                 page.goto(found[0])
@@ -152,4 +202,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(Path(sys.argv[2]) if sys.argv[1:2] == ["--look"] else None)

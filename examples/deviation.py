@@ -20,7 +20,7 @@ part = fw.surface.clean_cloud(fw.measure(stack, rig).points)
 # Your own: part = fw.files.read_cloud("part.npz"); model = fw.files.read_model("part.stl").
 shape = height_field(drawn, 0.5)
 model = fw.TriangleMesh(shape.vertices_mm, shape.faces)
-found = fw.deviation(part, model)  # where it lies is searched for
+found = fw.deviation(part, model, tolerance_mm=0.3)  # where it lies is searched for
 for spot in fw.evaluate.find_spots(found):
     print(f"{spot.depth_mm:.3f} ± {spot.sigma_mm:.3f} mm at {np.round(spot.place_mm, 1)}")
 

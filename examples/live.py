@@ -7,9 +7,17 @@ from fringeworks.simulate import fringe_plan
 
 rig = fw.devices.virtual_rig()  # or fw.files.read_rig("rig.toml")
 plan = fringe_plan(rig, both=False)  # or fw.files.read_plan("plan.toml")
-projector, camera = fw.open_devices("virtual", "virtual:bust")  # or "screen", "webcam:0"
+
+
+def devices():
+    """Open the devices; again, where one of them was unplugged."""
+    return fw.open_devices("virtual", "virtual:bust")  # or "screen", "webcam:0"
+
+
+projector, camera = devices()
 with projector, camera:
-    for cloud in islice(fw.live(projector, camera, plan, rig), 5):
+    clouds = fw.live(projector, camera, plan, rig, reopen=devices, progress=print)
+    for cloud in islice(clouds, 5):
         print(cloud)
 
 figure = cloud.points.profile(((60, 150), (330, 150))).plot("last cloud")

@@ -10,6 +10,7 @@ import tempfile
 import warnings
 import zipfile
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -373,6 +374,12 @@ def targets(folder: Path) -> list[Target]:
         Target("mesh.obj", b"mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", fw.files.read_mesh, TEXT_WORDS),
         Target("mesh.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", fw.files.read_mesh, TEXT_WORDS),
         Target("r/recipe.toml", RECIPE, fw.files.read_recipe, TOML_WORDS, {"r/plan.toml": PLAN, "r/m.png": png}),
+        Target("robot.toml", _written(folder, "robot.toml", lambda p: fw.files.write_rig(p, replace(rig, robot=fw.rig.RobotFrame("hand", np.eye(4), np.eye(6), fw.rig.RobotNoise(0.1, 0.1), "kuka")))), fw.files.read_rig, TOML_WORDS),
+        Target("poses.csv", b"name,X,Y_mm,Z,A,B,C\na,600,0,400,90,0,180\n", fw.files.read_robot_poses, TEXT_WORDS),
+        Target("poses.dat", b"XP1={X 1.5,Y 2,Z -3,A 90,B 0,C 180,S 2}\nXP2={X 1,Y 2,Z 3,A 9,B 0,C 1,S 2}\n", fw.files.read_robot_poses, TEXT_WORDS),
+        Target("poses.json", b'[{"name": "a", "position": {"x": 1, "y": 2, "z": 3}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}]', fw.files.read_robot_poses, TEXT_WORDS),
+        npz("placed.npz", lambda p: fw.files.write_points(p, cloud.transformed(np.eye(4), frame="base", covariance=np.eye(6))), fw.files.read_cloud),
+        npz("placed.pcd", lambda p: fw.files.write_points(p, cloud.transformed(np.eye(4), frame="base", covariance=np.eye(6)), kind="frame"), fw.files.read_cloud),
         Target("setup.toml", SETUP, fw.files.read_setup, TOML_WORDS, planned),
         Target("loaded.toml", SETUP, fw.read, TOML_WORDS, planned),
         Target("figures.json", b'{"kind": "figures", "sigma_mm": 0.01, "rows": [1, 2.5, null], "n": {"a": "b"}}', fw.read, TEXT_WORDS),

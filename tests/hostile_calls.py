@@ -71,6 +71,24 @@ class Call(NamedTuple):
     """Whether it takes more than some milliseconds."""
 
 
+ROBOT_RIG = fw.simulate.standard_rig()
+"""The rig of a camera on a robot."""
+
+
+def _hand_eye() -> dict[str, Any]:
+    """Poses of a robot and the corners that its camera sees, (n, 4, 4) and (n, 88, 2)."""
+    from fringeworks.rig.pinhole import inverse, pose, project, rotation, transform
+
+    board = fw.rig.parse_board("chessboard:11x8:12")
+    places = fw.simulate.board_poses(board, 5, seed=4)
+    X = pose(rotation(np.array([0.2, -0.4, 1.0])), np.array([40.0, -30.0, 90.0]))
+    Y = pose(rotation(np.array([-1.2, 0.3, 0.5])), np.array([500.0, 200.0, -50.0]))
+    poses = [Y @ inverse(T) @ inverse(X) for T in places]
+    pixels = [project(ROBOT_RIG.camera, transform(T, board.points_mm)) for T in places]
+    noise = np.random.default_rng(3).normal(0.0, 0.02, (5, 88, 2))
+    return {"T": np.array(poses), "pixels": np.array(pixels) + noise}
+
+
 def spoil_array(array: np.ndarray, rng: random.Random) -> Any:
     """An array of another shape, layout or type, or with other values."""
     values = np.random.default_rng(rng.getrandbits(32))
@@ -261,6 +279,15 @@ def calls() -> list[Call]:
         call("Provenance", call="decode", options={"a": 1}),
         call("DepthRange", rig=p["rig"], depth_mm=(400.0, 600.0)),
         call("ViewPose", **pupil),
+        call("Placement", frame="base", T_frame_camera=p["T"], covariance=np.eye(6)),
+        call("RobotNoise", translation_mm=0.05, rotation_deg=0.01),
+        call("RobotFrame", mount="base", T_mount_camera=p["T"], covariance=np.eye(6), noise=fw.rig.RobotNoise(0.05, 0.01), poses_as="kuka"),
+        call("Reading", rotation="zyx", length="mm", angle="deg", inverse=False),
+        call("RobotPoses", values=np.tile([600.0, 0, 400, 10, 20, 30], (3, 1)), names=("a", "b", "c"), readings=fw.rig.robot_poses([[0.0] * 6]).readings),
+        call("robot_poses", values=np.tile([600.0, 0, 400, 10, 20, 30], (3, 1)), poses_as="kuka", names=("a", "b", "c")),
+        call("parse_robot_pose", text="600,0,400,10,20,30", poses_as="kuka"),
+        call("in_base", cloud=p["cloud"], rig=dataclasses.replace(p["rig"], robot=fw.rig.RobotFrame("hand", p["T"], np.eye(6))), robot_pose=np.eye(4)),
+        Call("hand_eye", lambda T, pixels: fw.rig.hand_eye(T, [fw.rig.BoardView(np.arange(88), one) for one in pixels], "chessboard:11x8:12", ROBOT_RIG, mount="hand"), _hand_eye(), True),
         call("equal_steps", n=4),
         # Types and provenance.
         # Patterns.

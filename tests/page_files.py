@@ -204,6 +204,35 @@ def ball(folder: Path) -> None:
     fw.files.write_points(folder / "ball.ply", found)
 
 
+def on_robot(folder: Path) -> None:
+    """Photographs of a board by a camera in a robot's hand, the poses as KUKA writes them, a part."""
+    from scipy.spatial.transform import Rotation
+
+    white = fw.PatternPlan(
+        rig().projector.width_px,
+        rig().projector.height_px,
+        (Uniform("white"), fw.patterns.PhaseSteps("x", 24.0, fw.patterns.equal_steps(3))),
+    )
+    (folder / "board").mkdir()
+    on_flange = pose(
+        Rotation.from_euler("ZYX", (20.0, -15.0, 5.0), degrees=True).as_matrix(),
+        np.array([40.0, -30.0, 90.0]),
+    )
+    board_at = pose(
+        Rotation.from_euler("ZYX", (80.0, 10.0, 170.0), degrees=True).as_matrix(),
+        np.array([600.0, 50.0, 20.0]),
+    )
+    rows = ["name,X,Y,Z,A,B,C"]
+    for k, T in enumerate(board_poses(BOARD, 7, seed=3)):
+        frame = next(iter(photograph(look(rig(), [board_body(BOARD, T)]), white, Optics(seed=k))))
+        fw.files.write_frame(folder / f"board/view_{k}.png", frame)
+        flange = board_at @ np.linalg.inv(on_flange @ T)
+        angles = Rotation.from_matrix(flange[:3, :3]).as_euler("ZYX", degrees=True)
+        numbers = ",".join(f"{v:.4f}" for v in (*flange[:3, 3], *angles))
+        rows.append(f"view_{k},{numbers}")
+    (folder / "poses.csv").write_text("\n".join(rows))
+
+
 FILES: dict[str, tuple[Callable[[Path], None], ...]] = {
     "README.md": (models, inspected("part"), board_in("board")),
     "batch.md": (inspected("line/part-0", "line/part-1"),),
@@ -224,6 +253,7 @@ FILES: dict[str, tuple[Callable[[Path], None], ...]] = {
         board_in("shots"),
         lambda folder: stack("plane", folder / "plane", plan()),
     ),
+    "robot.md": (on_robot, bust_in("part")),
     "sequences.md": (followed,),
     "stacks.md": (bust_in("shots"), four_steps),
 }

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import subprocess
 import sys
+import tempfile
 import time
 import urllib.error
 import urllib.request
@@ -26,16 +28,20 @@ class Running:
         self.folder = Path(folder)
         command = [sys.executable, "-m", "fringeworks", "studio", str(folder), "--no-show"]
         self.started_s = time.monotonic()
+        # A file, because a full pipe would hold the server up.
+        self.said = tempfile.TemporaryFile("w+")  # noqa: SIM115, closed with the studio
         self.process = subprocess.Popen(
             [*command, "--port", "0", *options],
             stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            stderr=self.said,
+            # NiceGUI does not compress under pytest.
+            env={k: v for k, v in os.environ.items() if k != "PYTEST_CURRENT_TEST"},
             text=True,
         )
         try:
             said = self.process.stdout.readline()
             found = re.search(r"http://\S+", said)
-            assert found, said + self.process.stderr.read()
+            assert found, said + self.errors()
             self.address = found[0]
             self._wait()
         except BaseException:
@@ -51,6 +57,11 @@ class Running:
             time.sleep(0.1)
         raise AssertionError("the studio did not answer")
 
+    def errors(self):
+        """What the server has written to its standard error."""
+        self.said.seek(0)
+        return self.said.read()
+
     def close(self):
         self.process.terminate()
         try:
@@ -59,26 +70,27 @@ class Running:
             self.process.kill()
             self.process.wait()
         self.process.stdout.close()
-        self.process.stderr.close()
+        self.said.close()
 
 
 class Visitor:
     """A page of a studio."""
 
     def __init__(self, context, address):
+        self.address = address
         self.requests, self.complaints = [], []
         self.page = context.new_page()
-        self.page.set_default_timeout(60_000)
+        self.page.set_default_timeout(20_000)
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.goto(address)
-        self.page.wait_for_selector(".fw-steps button")
+        self.page.wait_for_selector(".fw-steps a")
 
     def step(self, name):
         """Go to a step, and wait until the page shows it."""
-        button = self.page.locator(".fw-steps button", has_text=name)
+        button = self.page.locator(".fw-steps a", has_text=name)
         button.click()
-        self.page.locator(".fw-steps button[aria-current=page]", has_text=name).wait_for()
+        self.page.locator(".fw-steps a[aria-current=step]", has_text=name).wait_for()
 
     def click(self, name):
         self.page.get_by_role("button", name=name, exact=True).click()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -20,9 +21,12 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.cli.commands import run
-from fringeworks.report.control_chart import control_limits
+from fringeworks.evaluate.capability import control_limits
+from fringeworks.evaluate.inspect import recipe_hash
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
+from fringeworks.types import fingerprint
+from fringeworks.types.numbers import number
 from tests.grids import quick
 from tests.inspected import scene, step
 
@@ -244,6 +248,18 @@ def test_archives_without_zarr_and_control_charts(line, tmp_path):
     text = report.read_text("utf-8")
     assert text.count("<img") + text.count("<svg") >= 2
     assert "Control limits" in text
+    # The table of parts names and links each of them; every link is there and shows its verdict.
+    assert ">PASS: 4 of 4 parts pass.</p>" in text
+    recipe = fw.files.read_recipe(line / "recipe.toml")
+    for digest in (recipe_hash(recipe), fingerprint(scene()[0])):
+        assert f"sha256 {digest}" in text
+    links = dict(re.findall(r'<a href="(batch-parts/[^"]*)">([^<]*)</a>', text))
+    assert sorted(links.values()) == [f"part-{k}" for k in range(COUNT)]
+    for place, name in links.items():
+        page = (tmp_path / place).read_text("utf-8")
+        assert f"<h1>{name}</h1>" in page
+        assert ">PASS: the tolerance is kept.</p>" in page
+        assert number(float(rows[name]["step"]), float(rows[name]["step σ"]), "mm") in page
     values = np.array([10.0, 10.1, 9.9, np.nan, 10.0, 10.2])
     mean, low, high = control_limits(values)
     assert mean == pytest.approx(10.04)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 from dataclasses import replace
@@ -12,6 +13,7 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.cli.commands import run
+from fringeworks.evaluate.inspect import judge_deviation
 from fringeworks.evaluate.quantities import area_deviation, deviation_mean
 from fringeworks.rig.pinhole import inverse, transform
 from fringeworks.surface.closest import MeshDistance
@@ -212,10 +214,11 @@ def test_the_command_writes_picture_report_and_figures(tmp_path, capsys):
     for name in ("figure d.png", "report d.html", "json d.json"):
         option, file = name.split()
         words += [f"--{option}", str(tmp_path / file)]
-    assert run(words) == 0
+    assert run(words) == 3
     said = capsys.readouterr().out
     assert "outside the tolerance" in said
-    assert re.search(r"-0\.(09|10)", said)
+    assert "fail: a dent of 0." in said
+    assert re.search(r"−0\.(09|10)", said)
     figures = json.loads((tmp_path / "d.json").read_text())
     assert figures["alignment"]["converged"] is True
     assert 0.6 < figures["within_1_sigma"] < 0.8
@@ -243,7 +246,7 @@ def test_points_and_meshes_are_compared_as_well():
     with pytest.raises(fw.InputError, match="with σ"):
         fw.evaluate.find_spots(plain)
     titles = [axes.get_title() for axes in plain.plot().axes if axes.get_title()]
-    assert titles == ["deviation, positive outside"]
+    assert [title.partition(";")[0] for title in titles] == ["deviation, positive outside"]
     assert fw.report.summarise(found)["alignment"]["by"] == "best fit"
 
 
@@ -265,3 +268,42 @@ def test_figures_are_those_of_the_distances():
     with pytest.raises(fw.InputError, match="tolerance"):
         found.figures(0.0)
     assert MeshDistance(plate).nearest(xyz, 1.0).distance_mm[0] == pytest.approx(0.3)
+
+
+def test_a_tolerance_is_judged_and_sets_the_scale(tmp_path):
+    """A dent of 0.1 mm breaks ±0.05 mm, keeps ±0.5 mm, and is flagged; outliers stretch no map."""
+    cloud, T, used = seen()
+    align = fw.evaluate.BestFit(start=inverse(T))
+    tight = fw.deviation(cloud, parts.model(), align=align, rig=used, tolerance_mm=0.05)
+    wide = replace(tight, tolerance_mm=0.9)
+    check = judge_deviation(tight, used)
+    assert check.verdict == "fail"
+    assert check.why.startswith("a dent of 0.")
+    assert judge_deviation(wide, used).verdict == "pass"
+    assert judge_deviation(replace(tight, tolerance_mm=None), used) is None
+    far = tight.distance_mm.copy()
+    far[np.nonzero(tight.reason == 0)[0][0], np.nonzero(tight.reason == 0)[1][0]] = 40.0
+    free = replace(tight, distance_mm=far, tolerance_mm=None)
+    for found, end in ((tight, 0.05), (free, None)):
+        axes = found.plot("part").axes[0]
+        low, high = axes.images[0].get_clim()
+        assert low == -high
+        assert high == (end or pytest.approx(0.06, rel=0.4))
+        assert "beyond" in axes.get_title()
+        # Cropped to the part, which fills an eighth of the frame.
+        assert abs(np.diff(axes.get_xlim())[0]) < 0.6 * cloud.shape[1]
+    fw.write_report(tmp_path / "d.html", {"part": tight}, rig=used)
+    page = (tmp_path / "d.html").read_text("utf-8")
+    assert '<p class="verdict fail">FAIL: the tolerance is not kept.</p>' in page
+    packed = re.search(r"x-fringeworks-surface\">([^<]*)<", page)[1]
+    data = base64.b64decode(packed)
+    size = int.from_bytes(data[8:12], "little")
+    header = json.loads(data[12 : 12 + size])
+    assert header["first"] == "deviation"
+    (layer,) = (one for one in header["layers"] if one["name"] == "deviation")
+    assert layer["range"] == [-0.05, 0.05]
+    assert header["model"]["faces"][2] == 12 * len(parts.model().faces)
+    ((pixel, text),) = header["flags"]
+    assert re.fullmatch(r"−0\.(09|10)\d* mm", text)
+    row, column = divmod(pixel, cloud.shape[1])
+    assert np.linalg.norm(tight.points_mm[row, column, :2] - parts.PLACE_MM) < 1.0

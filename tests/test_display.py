@@ -15,6 +15,7 @@ import pytest
 from PIL import Image
 
 import fringeworks as fw
+from fringeworks.cli.commands import run
 from fringeworks.report import display, kinds
 from fringeworks.report.display import plot
 from fringeworks.report.kind import KINDS, NOTHING, kind_of
@@ -256,3 +257,31 @@ def test_the_module_that_shows_results_has_what_types_expect_of_it():
         if inspect.isfunction(expected) and not name.startswith("_"):
             found = list(inspect.signature(getattr(display, name)).parameters)
             assert found == list(inspect.signature(expected).parameters)[1:], name
+
+
+def test_single_untitled_panels_for_papers(tmp_path):
+    scene = fw.simulate.standard_scene("parabola", size=100, fringes=8)
+    surface = fw.reconstruct(scene, "fourier").surface
+    one = surface.plot("a name", panel="height")
+    assert [axes.get_title() for axes in one.axes if axes.images] == ["height"]
+    bare = surface.plot("a name", panel="sigma", title=False)
+    assert not any(axes.get_title() for axes in bare.axes)
+    assert bare._suptitle is None
+    labels = [axes.get_ylabel() for axes in bare.axes[0].child_axes]
+    assert labels == ["standard deviation σ / mm"]
+    for kind in ("pdf", "svg"):
+        fw.save_figure(bare, tmp_path / f"p.{kind}")
+    content = (tmp_path / "p.pdf").read_bytes()
+    assert b"/FontFile2" in content
+    assert b"/Type3" not in content
+    with pytest.raises(fw.InputError, match="expected one of height, sigma, reasons, got 'albedo'"):
+        surface.plot(panel="albedo")
+
+
+def test_the_command_draws_one_panel(tmp_path, capsys):
+    fw.files.write_pair(tmp_path / "pair", fw.simulate.standard_scene("parabola", size=100))
+    words = ["reconstruct", str(tmp_path / "pair"), "--panel", "height", "--no-title"]
+    assert run([*words, "--figure", str(tmp_path / "p.pdf")]) == 0
+    assert (tmp_path / "p.pdf").stat().st_size > 5000
+    assert run(words) == 2
+    assert "together with --figure" in capsys.readouterr().err

@@ -270,6 +270,43 @@ def test_every_face_takes_the_views_of_a_turntable(setup, tmp_path, monkeypatch,
     assert all(one[name] != one[name.replace("view_00", "view_01")] for name in first)
 
 
+@pytest.mark.parametrize("suffix", [".stl", ".obj"])
+def test_every_face_writes_the_same_mesh(captures, studio, tmp_path, suffix):
+    session = studio.session("one")
+    job = studio.write_mesh(session, Shown("part", "windowed", {}, 0), suffix)
+    assert job.state == "done", job.problem
+    one, shell, python = faces(studio, captures, tmp_path, f"part{suffix}")
+    assert one == shell
+    assert one == python
+    again = studio.write_mesh(session, Shown("part", "windowed", {}, 0), suffix)
+    assert again.result == f"part-2{suffix}"
+    refused = studio.write_mesh(session, Shown("pair", "windowed", {}, 0), suffix)
+    assert "expected points in the order" in refused.problem
+
+
+def test_every_face_compares_with_a_drawing(captures, studio, capsys):
+    """The drawing is a mesh of the same points with fewer triangles."""
+    session = studio.session("one")
+    cloud = fw.files.read_cloud(captures / "cloud.npz")
+    model = fw.surface.decimate(fw.surface.cloud_mesh(cloud), 3000)
+    for folder in (studio.workspace.root, captures):
+        fw.files.write_mesh(folder / "part.stl", model)
+    job = studio.deviate(session, "part", "part.stl", 0.5)
+    assert job.state == "done", job.problem
+    assert job.result["figures"]["rms_mm"] < 0.5
+    assert studio.surface(session.pending.number).stat().st_size > 1000
+    command = studio.log.done[-1]
+    assert command.shell.splitlines()[-1].startswith("fringeworks deviation part.npz --model")
+    with contextlib.chdir(captures):
+        capsys.readouterr()
+        exec(f"import fringeworks as fw\n{command.python}", {})
+        assert f"'rms_mm': {job.result['figures']['rms_mm']!r}" in capsys.readouterr().out
+        for line in command.shell.splitlines():
+            assert run(["-q", *shlex.split(line)[1:]]) == 0, line
+    with pytest.raises(fw.InputError, match="drawing"):
+        studio.deviate(session, "part", "../part.stl", None)
+
+
 def test_a_series_of_the_studio_is_its_scans(studio, setup, tmp_path):
     """As on a turntable: each scan opens the devices, and so do its commands."""
     for name in ("part-000.0deg", "part-120.0deg"):

@@ -226,7 +226,7 @@ def test_volumes_need_all_of_their_area():
     recipe = fw.Recipe(areas=AREAS, tolerances=(tolerance,))
     (check,) = fw.evaluate.judge_part(replace(cloud, reason=hole), recipe)
     assert check.verdict == "undecided"
-    assert "99%" in check.why
+    assert "99.0 %" in check.why
 
 
 def test_only_the_area_is_measured():

@@ -43,3 +43,62 @@ def test_the_example(capsys, tmp_path, monkeypatch):
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 5
     assert all("million points/s" in line for line in lines)
+
+
+class Unplugged:
+    """A camera that is gone after some frames."""
+
+    def __init__(self, camera, frames):
+        self._camera, self._left = camera, frames
+
+    def __getattr__(self, name):
+        return getattr(self._camera, name)
+
+    def grab(self, *args, **options):
+        self._left -= 1
+        if self._left < 0:
+            raise fw.DeviceProblem("camera: gone")
+        return self._camera.grab(*args, **options)
+
+
+def test_live_goes_on_when_the_camera_is_back():
+    projector, camera = virtual_bench("sphere", clock=SimulatedClock())
+    attempts, opened, said = [], [], []
+
+    def reopen():
+        attempts.append(len(attempts))
+        if len(attempts) % 3:
+            raise fw.DeviceProblem("camera: not there")
+        opened.append(virtual_bench("sphere", clock=SimulatedClock()))
+        return opened[-1][0], Unplugged(opened[-1][1], 10**6 if len(opened) > 1 else 60)
+
+    clouds = fw.live(
+        projector, Unplugged(camera, 60), PLAN, RIG, reopen=reopen, retry_s=0, progress=said.append
+    )
+    judged = []
+    for cloud in islice(clouds, 6):
+        xyz = cloud.points.xyz_mm[cloud.points.reason == 0]
+        found = fw.surface.fit_region(np.array(xyz, float), "sphere")
+        assert found.parameters["radius_mm"] == pytest.approx(RADIUS_MM, abs=0.05)
+        judged.append(cloud.judged)
+        if len(opened) == 2:
+            break
+    assert len(opened) == 2
+    assert sum(judged) == 3
+    assert said[0] == "camera: gone; waiting for the devices"
+    assert said[1] == "camera: not there; waiting for the devices"
+    assert said.count("the devices are back; measuring goes on") == 2
+    clouds.close()
+    for shown, films in opened:
+        with pytest.raises(fw.DeviceProblem, match="closed"):
+            films.grab()
+        shown.close()
+
+
+def test_live_stops_where_nobody_opens_the_camera_again():
+    projector, camera = virtual_bench("sphere", clock=SimulatedClock())
+    clouds = fw.live(projector, Unplugged(camera, 3), PLAN, RIG)
+    with pytest.raises(fw.DeviceProblem, match="gone"):
+        next(clouds)
+    with pytest.raises(fw.InputError, match="retry_s: expected 0 or more, got -1"):
+        next(fw.live(projector, camera, PLAN, RIG, retry_s=-1.0))

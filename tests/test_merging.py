@@ -165,4 +165,13 @@ def test_the_command_writes_a_closed_mesh(tmp_path):
     out = tmp_path / "part.stl"
     options = ["--board", BOARD.name, "--rig", str(tmp_path / "rig.toml"), "--out", str(out)]
     assert run(["merge", *paths, *options]) == 0
-    assert trimesh.load(out).is_watertight
+    made = trimesh.load(out)
+    assert made.is_watertight
+    # It stands on the plate: the board's z axis points into the board.
+    low, high = made.bounds
+    assert low[2] == pytest.approx(0.0, abs=1e-4)
+    assert low[:2] == pytest.approx(-high[:2], abs=1e-4)
+    assert run(["merge", *paths, *options, "--origin", "part", "--up=-z"]) == 0
+    as_board = trimesh.load(out)
+    assert as_board.bounds[0, 2] > 0.5
+    assert np.ptp(as_board.bounds[:, 2]) == pytest.approx(high[2], abs=1e-3)

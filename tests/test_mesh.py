@@ -168,8 +168,10 @@ def read_pcd(path):
     letters = {"F": "f", "U": "u", "I": "i"}
     kinds = [letters[t] + s for t, s in zip(header["TYPE"], header["SIZE"], strict=True)]
     table = np.frombuffer(content, list(zip(header["FIELDS"], kinds, strict=True)), offset=start)
-    assert header["WIDTH"] == header["POINTS"] == [str(len(table))]
-    return table
+    rows, columns = (int(header[name][0]) for name in ("HEIGHT", "WIDTH"))
+    assert header["POINTS"] == [str(len(table))] == [str(rows * columns)]
+    assert (rows, columns) == (H, W)
+    return table.reshape(rows, columns)
 
 
 def test_a_pcd_holds_the_points_with_sigma_normals_and_brightness(tmp_path):
@@ -177,6 +179,8 @@ def test_a_pcd_holds_the_points_with_sigma_normals_and_brightness(tmp_path):
     ok = cloud.reason == fw.Reason.OK
     fw.files.write_points(tmp_path / "part.pcd", cloud, kind="normals")
     table = read_pcd(tmp_path / "part.pcd")
+    np.testing.assert_array_equal(np.isfinite(table["x"]), ok)
+    table = table[ok]
     np.testing.assert_array_equal(np.column_stack([table[n] for n in "xyz"]), cloud.xyz_mm[ok])
     np.testing.assert_array_equal(table["sigma"], cloud.sigma_mm[ok])
     np.testing.assert_allclose(

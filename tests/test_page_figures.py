@@ -108,7 +108,7 @@ FIGURES: dict[str, list[tuple[str, str, float]]] = {
     ],
     "report.md": [
         (r"turns (\d+) surfaces at most", "report:MOST_VIEWERS", 1),
-        (r"may have (\d+) million pixels", "report.viewer.content:MAX_PIXELS", MILLION),
+        (r"more than (\d+) million pixels", "report.viewer.content:MAX_PIXELS", MILLION),
         (r"below (\d+) MB: larger", "report:NOTEBOOK_BYTES", MILLION),
     ],
     "viewer.md": [

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
+import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -96,7 +98,7 @@ def test_markup_in_names_is_shown_and_not_obeyed(results, tmp_path):
     fw.write_report(
         tmp_path / "r.html",
         {NAUGHTY: surface},
-        title=NAUGHTY,
+        title=f"{NAUGHTY}!",
         notes=[NAUGHTY],
         pdf=tmp_path / "r.pdf",
     )
@@ -156,7 +158,7 @@ def test_tolerances_are_judged(results, tmp_path):
     )
     assert not written.kept
     page = (tmp_path / "r.html").read_text()
-    assert "1 of 2 tolerances are not kept." in page
+    assert "FAIL: 1 of 2 tolerances is not kept." in page
     assert page.count(">FAIL<") == page.count(">pass<") == 1
 
 
@@ -247,7 +249,7 @@ def test_two_surfaces_are_compared(results, tmp_path):
     assert page.count("application/x-fringeworks-surface") == 2 + 1  # the script names it once
     assert page.count('<div class="fringe-viewer-mount">') == 1
     assert ">Comparison</h2>" in page
-    assert re.search(r"median of B − A</dt><dd>0\.5 mm", page)
+    assert re.search(r"median of B − A</dt><dd>0\.500 mm", page)
     # Maps of other sizes are not compared.
     fw.write_report(tmp_path / "r.html", {"a": surface, "b": results["cloud"]})
     assert ">Comparison</h2>" not in (tmp_path / "r.html").read_text()
@@ -259,7 +261,7 @@ def test_results_show_themselves_in_notebooks_and_browsers(results, tmp_path, mo
     monkeypatch.setattr("tempfile.mkdtemp", lambda **_: str(tmp_path))
     path = results["points"].show(every=2)
     assert opened == [path.as_uri()]
-    assert ">Measurement</h2>" in path.read_text()
+    assert "<h1>Measurement</h1>" in path.read_text()
     frame = results["cloud"]._repr_html_()
     assert frame.startswith("<iframe srcdoc=")
     assert "<script" not in frame  # escaped inside the attribute
@@ -302,7 +304,35 @@ def test_whole_periods_that_nothing_tells_do_not_hide_the_sigma_of_pixels():
     figures = height_figures(found)
     assert figures["median_sigma"] == pytest.approx(95.0)
     words = [str(word) for word in height_words(None, figures | {"findings": []})]
-    assert any("median σ 0.05 px, beside 95 px that all pixels share" in word for word in words)
+    assert any("median σ 0.050 px, beside 95 px that all pixels share" in word for word in words)
     panel = height_sheet(found, None).panels[1]
     np.testing.assert_allclose(panel.values, 0.05, rtol=1e-6)
     assert "95 px in common" in panel.title
+
+
+def test_frames_that_are_too_large_for_a_page_are_thinned(tmp_path, monkeypatch):
+    """A limit of 5,000 pixels stands for one of eight million."""
+    monkeypatch.setattr("fringeworks.report.viewer.content.MAX_PIXELS", 5000)
+    values = np.add.outer(np.arange(120.0), np.arange(150.0)).astype(np.float32)
+    large = fw.HeightMap(values, 0.1 + 0 * values, (0 * values).astype(np.uint8), "height", "mm", 1)
+    fw.write_report(tmp_path / "r.html", {"large": large})
+    page = (tmp_path / "r.html").read_text("utf-8")
+    assert "Shown: one of 2 columns and rows of 150 × 120 px." in page
+    assert "fringe-viewer-mount" in page
+    with pytest.raises(fw.InputError, match="or every = 2"):
+        fw.report.pack_surface(large)
+
+
+def test_a_finding_is_said_once(results, tmp_path):
+    """By the chapter, and neither by the picture below it nor by the viewer."""
+    text = "the fringes jitter by half a pixel"
+    found = replace(results["cloud"], findings=(fw.Finding("noise", text, ("a cause",), "do it"),))
+    fw.write_report(tmp_path / "r.html", {"cloud": found}, pdf=tmp_path / "r.pdf")
+    page = (tmp_path / "r.html").read_text("utf-8")
+    assert page.count(text) == 1
+    packed = re.search(r"x-fringeworks-surface\">([^<]*)<", page)[1]
+    assert text.encode() not in base64.b64decode(packed)
+    content = (tmp_path / "r.pdf").read_bytes()
+    streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", content, re.S)
+    shown = b"".join(zlib.decompress(s) for s in streams if s[:1] == b"x")
+    assert shown.count(b"jitter") <= 1

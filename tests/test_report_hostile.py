@@ -109,9 +109,12 @@ def test_a_description_of_another_kind_is_no_result(tmp_path):
 
 
 def test_parameters_have_the_digits_of_their_standard_deviation():
-    from fringeworks.report.page.parts import estimate
+    from fringeworks.report.kinds.rig import parameter_row
 
-    assert estimate(1230.04567, 0.056783) == "1230.046"
-    assert estimate(-0.00031962, 1.5434e-05) == "-0.000320"
-    assert estimate(1230.04567, None) == estimate(1230.04567, 0.0) == "1230"
-    assert estimate(1230.04567, 12.0) == "1230"
+    def value(number, sigma):
+        return parameter_row("fx", number, sigma)["value"]
+
+    assert value(1230.04567, 0.056783) == "1230.046"
+    assert value(-0.00031962, 1.5434e-05) == "−0.000320"
+    assert value(1230.04567, None) == value(1230.04567, 0.0) == "1230.05"
+    assert value(1230.04567, 12.0) == "1230"

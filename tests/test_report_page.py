@@ -10,6 +10,9 @@ import pytest
 from PIL import Image
 
 import fringeworks as fw
+from fringeworks.report.page.blocks import Chapter, Table
+from fringeworks.report.page.html import page_html
+from fringeworks.types import made_by
 from tests import browser
 from tests.surfaces import measured_bust, small_rig
 
@@ -126,3 +129,29 @@ def test_the_printed_page_has_maps_and_no_viewer(pages, report):
     assert not opened.page.is_visible(".fringe-viewer-mount")
     assert opened.page.is_visible(MAPS)
     assert len(opened.page.pdf()) > 50_000
+
+
+def test_cursors_of_viewer_and_maps_are_linked(pages, report):
+    opened = pages.open(report)
+    opened.page.wait_for_selector(MAPS)
+    viewer = "document.querySelector('.fringe-viewer-mount').viewer"
+    told = opened.page.evaluate(
+        f"() => {{ {viewer}.point(0); {viewer}.point(5 * {viewer}.surfaces[0].width + 7);"
+        " return document.querySelector('.told').textContent; }"
+    )
+    assert told.startswith("Column 7, row 5:")
+
+
+def test_tables_of_parts_are_searched_and_link_to_their_reports(pages):
+    rows = tuple((f"B-{k:04d}", "fail" if k % 10 == 0 else "pass") for k in range(40))
+    links = tuple(f"parts/{name}.html" for name, _ in rows)
+    table = Table(("part", "verdict"), rows, "Parts", links=links, search=True)
+    html = page_html("Lot", [Chapter("Parts", (table,))], made_by("test", options={}))
+    opened = pages.open(html, ready=False)
+    box = opened.page.locator(".search input")
+    for words, count in (("b-00", 40), ("FAIL 03", 1), ("nothing", 0), ("", 40)):
+        box.fill(words)
+        assert opened.page.locator("tbody tr:visible").count() == count, words
+    box.fill("fail")
+    assert opened.page.inner_text(".search output") == "4 of 40"
+    assert opened.page.locator("tbody a").nth(7).get_attribute("href") == "parts/B-0007.html"

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from fringeworks import FileProblem, InputError, encode
-from fringeworks.files import read_stack
+from fringeworks.cli.commands import run
+from fringeworks.files import read_stack, write_pair, write_stack
 from fringeworks.scan.capture import capture
 from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.frames import take_frames
+from fringeworks.simulate.scene import standard_scene
 from fringeworks.types import CameraSettings, DeviceProblem
 from tests.virtual_devices import Interrupting, Screen, bench, plan
 
@@ -129,6 +131,26 @@ def test_two_captures_in_one_folder(tmp_path):
     before = read_stack(folder).frames
     capture(other.projector, other.camera, plan(), folder, force=True)
     assert not np.array_equal(read_stack(folder).frames, before)
+
+
+def test_simulated_frames_do_not_replace_taken_ones(tmp_path):
+    """A simulation or a conversion into the folder of a capture would lose what nobody can take again."""
+    b, folder = bench(seed=3), tmp_path / "c"
+    capture(b.projector, b.camera, plan(), folder)
+    taken = read_stack(folder)
+    pair = standard_scene("parabola", size=32, fringes=4, bits=8)
+    for write in (
+        lambda **how: write_pair(folder, pair, **how),
+        lambda **how: write_stack(folder, list(taken.frames), taken.plan, **how),
+    ):
+        with pytest.raises(FileProblem, match="frames that a camera took"):
+            write()
+        np.testing.assert_array_equal(read_stack(folder).frames, taken.frames)
+    assert run(["-q", "simulate", "--size", "32", "--fringes", "4", "--out", str(folder)]) == 2
+    np.testing.assert_array_equal(read_stack(folder).frames, taken.frames)
+    write_pair(folder, pair, force=True)
+    # What no device took is replaced as any other result.
+    write_pair(folder, pair)
 
 
 def test_nothing_to_resume(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import time
 from dataclasses import replace
@@ -53,12 +54,12 @@ def visitor(chromium, studio):
 @pytest.mark.timeout(600)
 def test_from_an_empty_table_to_a_part(studio, visitor, tmp_path, monkeypatch):
     begun = time.monotonic()
-    visitor.choose("Virtual scene", "plane")
+    visitor.step("Set up")
     visitor.click("Set up")
     visitor.sees("No finding")
     visitor.step("Calibrate")
     for k in range(8):
-        visitor.choose("Virtual scene", f"board-{k}")
+        # The virtual board moves by itself.
         visitor.click("Take a pose")
         visitor.sees(f"pose-{k + 1:02d}: ")
     visitor.click("Calibrate")
@@ -98,6 +99,32 @@ def test_from_an_empty_table_to_a_part(studio, visitor, tmp_path, monkeypatch):
         points = fw.files.read_points(tmp_path / name / "scan-001.ply")
         radius = fw.surface.fit_region(points.xyz_mm, "sphere").parameters["radius_mm"]
         assert radius == pytest.approx(RADIUS_MM, abs=0.2)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_a_first_minute(studio, visitor):
+    """One click measures a virtual part; another puts it away for own devices, which can be undone."""
+    page = visitor.page
+    begun = time.monotonic()
+    visitor.click("Try with a virtual part")
+    for words in ("The projector shows test pictures", "A board whose corners", "The corners tell"):
+        visitor.sees(words, 200)
+    page.wait_for_url("**/look/virtual-part", timeout=300_000)
+    assert visitor.surface() > 80_000
+    print(f"a first minute took {time.monotonic() - begun:.0f} s")
+    visitor.step("Calibrate")
+    visitor.sees("good for ±0.0")
+    visitor.sees("Next: scan")
+    # Nothing asks for further poses beside that.
+    assert not page.get_by_text(re.compile("take .* more pose|are few")).count()
+    visitor.step("Start")
+    visitor.click("Now with your devices")
+    page.wait_for_url("**/set-up")
+    assert not (studio.folder / "setup.toml").exists()
+    page.get_by_role("button", name="Undo: put the virtual part away").click()
+    visitor.sees("No finding")
+    assert (studio.folder / "virtual-part" / "capture.toml").is_file()
 
 
 @pytest.fixture(scope="module")
@@ -194,6 +221,7 @@ def test_methods_change_the_surface_and_are_compared(shared, pages):
     assert np.nanmax(gap) <= 0.13
     # A reload and a second tab of the same visitor find the state.
     again = pages(same=True)
+    again.step("Look")
     assert again.surface() == (other.reason == fw.Reason.OK).sum()
 
 
@@ -238,7 +266,7 @@ def test_a_series_of_scans(studio, visitor):
     visitor.click("Scan (space)")
     visitor.sees("2 left")
     visitor.sees("scan-001-002")
-    visitor.page.get_by_role("button", name="Look", exact=True).nth(1).wait_for()
+    visitor.page.get_by_role("link", name="scan-001-002", exact=True).wait_for()
     assert len(fw.files.read_stack(studio.folder / "scan-001-002").frames) == 12
     visitor.page.get_by_label("Name").fill("../out")
     visitor.page.get_by_label("Scans", exact=True).fill("1")
@@ -248,11 +276,14 @@ def test_a_series_of_scans(studio, visitor):
 
 def live(visitor, text="Live picture"):
     """Open a part of the page that shows what the devices do."""
-    visitor.page.locator(".q-item__label", has_text=text).click()
+    visitor.page.locator("summary", has_text=text).click()
 
 
 def test_the_live_picture_helps_to_aim_and_one_visitor_holds_the_devices(pages):
     one, other = pages(), pages()
+    for visitor in (one, other):
+        visitor.step("Set up")
+    one.choose("Virtual scene", "bust")
     live(one)
     one.choose("Light", "Fringes")
     one.click("Start")
@@ -281,6 +312,8 @@ def test_the_live_picture_helps_to_aim_and_one_visitor_holds_the_devices(pages):
 @pytest.mark.long
 def test_a_visitor_who_leaves_gives_the_devices_back(pages):
     one, other = pages(), pages()
+    for visitor in (one, other):
+        visitor.step("Set up")
     live(one)
     one.click("Start")
     one.sees("saturated 0.0%")
@@ -404,10 +437,8 @@ def test_live_board_and_live_points(studio, visitor):
     fw.files.write_rig(space / "rig.toml", standard_rig(scale=SCALE))
     visitor.page.reload()
     visitor.step("Calibrate")
-    visitor.choose("Virtual scene", "board-0")
     visitor.click("Take a pose")
     visitor.sees("pose-01: 88 corners found")
-    visitor.choose("Virtual scene", "board-3")
     live(visitor)
     visitor.click("Start")
     visitor.sees("88 corners, ")
@@ -504,7 +535,7 @@ ANSWER = """([name, heading]) => new Promise((done) => {
     if (shows()) { seen.disconnect(); done(performance.now() - start); }
   });
   seen.observe(document.body, { childList: true, subtree: true, characterData: true });
-  [...document.querySelectorAll(".fw-steps button")].find((b) => b.textContent.includes(name)).click();
+  [...document.querySelectorAll(".fw-steps a")].find((b) => b.textContent.includes(name)).click();
 })"""
 """Time from a click on a step until its heading is there, ms."""
 
@@ -535,5 +566,5 @@ def answers(visitor, other):
             for name, heading in (("Scan", "Take the frames"), ("Export", "Files, reports")):
                 times.append(visitor.page.evaluate(ANSWER, [name, heading]) / 1000.0)
         other.page.reload()
-        other.page.wait_for_selector(".fw-steps button")
+        other.page.wait_for_selector(".fw-steps a")
     return times

@@ -163,7 +163,7 @@ def test_the_value_under_the_cursor_with_sigma_or_the_reason(pages):
     # Some pixels fall on one place of the screen: the one in front is told.
     assert abs(column - pixel % 320) <= 1
     assert abs(row - pixel // 320) <= 1
-    xyz = np.array([float(place[k]) for k in (3, 4, 5)])
+    xyz = np.array([float(place[k].replace("−", "-")) for k in (3, 4, 5)])
     sigma = bust().sigma_mm[row, column]
     assert np.abs(xyz - bust().xyz_mm[row, column]).max() < sigma / 8 + 0.5e-3
     assert float(place[6]) == pytest.approx(sigma, rel=0.07)  # two digits
@@ -528,6 +528,8 @@ def test_the_script_is_clean():
 def test_the_modules_hold_what_they_say():
     texts = {name: (SOURCE / f"{name}.js").read_text(encoding="utf-8") for name in MODULES}
     assert {path.stem for path in SOURCE.glob("*.js")} == set(MODULES)
+    # The template names the methods of its controls.
+    template = (SOURCE / "viewer.html").read_text(encoding="utf-8")
     for name, text in texts.items():
         lines = text.splitlines()
         assert len(lines) <= 400, name
@@ -544,5 +546,75 @@ def test_the_modules_hold_what_they_say():
         for function in re.findall(
             r"^(?:  |)(?:async |get |function )*(\w+)\(.*\) \{$", text, re.M
         ):
-            uses = len(re.findall(rf"\b{function}\b", "".join(texts.values())))
+            everywhere = template + "".join(texts.values())
+            uses = len(re.findall(rf"\b{function}\b", everywhere))
             assert uses >= 2 or function in ("constructor", "handleEvent"), f"{name}.{function}"
+
+
+@pytest.fixture
+def deviating(pages):
+    """A plate with a dent before its drawing, and flags."""
+    y, x = np.mgrid[0:60, 0:80].astype(float)
+    dent = -0.4 * np.exp(-((x - 40) ** 2 + (y - 30) ** 2) / 20.0)
+    xyz = np.stack((0.5 * x, 0.5 * y, 300.0 - dent), -1).astype(np.float32)
+    small = np.full((60, 80), 0.01, np.float32)
+    cloud = fw.PointCloud(xyz, small, small, np.zeros((60, 80), np.uint8))
+    corners = np.array([[-5, -5, 300], [45, -5, 300], [45, 35, 300], [-5, 35, 300]], np.float32)
+    drawing = fw.TriangleMesh(corners, np.array([[0, 2, 1], [0, 3, 2]], np.uint32))
+    packed = fw.report.pack_surface(
+        cloud,
+        deviation=dent,
+        limits=(-0.1, 0.1),
+        model=drawing,
+        flags=[(30, 40, "−0.400 mm")],
+    )
+    return pages.open(viewer_page(packed))
+
+
+@pytest.mark.system
+def test_a_deviation_opens_on_its_map_with_drawing_and_flags(deviating):
+    opened = deviating
+    assert opened.js("V.layer.name") == "deviation"
+    assert opened.js("V.scale.range") == pytest.approx([-0.1, 0.1])
+    assert re.fullmatch(r"beyond the scale: \d+\.\d %", opened.text("beyond"))
+    assert opened.js("[...document.querySelectorAll('.flags b')].map((b) => b.textContent)")[0] == (
+        "−0.400 mm"
+    )
+    with_drawing = opened.picture()
+    opened.ui("model").uncheck()
+    opened.rest()
+    # The drawing reaches out behind the points.
+    assert np.mean(np.abs(with_drawing - opened.picture()).max(axis=-1) > 15) > 0.01
+
+
+@pytest.mark.system
+def test_ends_of_the_scale_are_typed_and_depth_is_drawn_larger(deviating):
+    opened = deviating
+    opened.ui("highText").fill("0.5")
+    opened.ui("lowText").fill("-0.5")
+    opened.ui("lowText").press("Tab")
+    assert opened.js("V.scale.range") == pytest.approx([-0.5, 0.5])
+    assert opened.text("beyond") == ""
+    opened.ui("highText").fill("-0.7")  # below the lower end: refused
+    opened.ui("highText").press("Tab")
+    assert opened.js("V.scale.range") == pytest.approx([-0.5, 0.5])
+    flat = opened.js("V.view.half[2]")
+    opened.ui("exaggeration").fill("20")
+    opened.ui("exaggeration").press("Tab")
+    assert opened.js("V.view.half[2]") == pytest.approx(20 * flat)
+    span = "Math.max(...V.surfaces[0].shown.filter((_, k) => k % 3 === 2))"
+    assert opened.js(f"{span}") > 20 * 0.15
+    assert opened.js("V.surfaces[0].mesh.model.list.count") == 6
+    opened.ui("exaggeration").fill("0")
+    opened.ui("exaggeration").press("Tab")
+    assert opened.js("V.view.half[2]") == pytest.approx(20 * flat)
+
+
+@pytest.mark.system
+def test_picked_points_get_flags_and_lose_them(deviating):
+    opened = deviating
+    opened.js("(V.ui.panel.elements.tool.value = 'flag', V.tools.change())")
+    at = opened.js("V.view.project(V.surfaces[0].shown.subarray(3 * 1620, 3 * 1620 + 3))")
+    for count in (2, 1):
+        opened.js("V.tools.pick(a[0], a[1])", at)
+        assert opened.js("V.surfaces[0].header.flags.length") == count

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from fringeworks import _core
-from fringeworks.batch.scans import Scan, content_hash, local, stack_of_array
+from fringeworks.batch.scans import Scan, content_hash, local, stack_of_array, taken
 from fringeworks.batch.store import Row, Store
-from fringeworks.evaluate.inspect import Inspection, inspect
+from fringeworks.evaluate.inspect import Inspection, inspect, recipe_hash
 from fringeworks.types import HeightMap, InputError, Recipe, fingerprint
 
 MOST_DEATHS = 2
@@ -54,6 +54,7 @@ def settings_hash(recipe: Recipe) -> str:
         "areas": {name: fingerprint(area) for name, area in recipe.areas.items()},
         "tolerances": [repr(one) for one in recipe.tolerances],
         "risk": recipe.risk,
+        "model": None if recipe.model is None else recipe_hash(recipe),
     }
     return hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
 
@@ -76,7 +77,13 @@ def measure_scan(scan: Scan, job: Job) -> Row:
     except Exception as problem:
         row = {"error": f"internal error, please report it: {problem!r}"}
     seconds = round(time.perf_counter() - started, 4)
-    return {"scan": scan.name, **row, "seconds": seconds, "worker": os.getpid()}
+    return {
+        "scan": scan.name,
+        "taken": taken(scan),
+        **row,
+        "seconds": seconds,
+        "worker": os.getpid(),
+    }
 
 
 def _measured(scan: Scan, job: Job, store: Store) -> Row:
@@ -118,4 +125,5 @@ def figures(found: Inspection) -> Row:
         row[name] = check.value if np.isfinite(check.value) else None
         row[f"{name} σ"] = check.sigma if np.isfinite(check.sigma) else None
         row[f"{name} verdict"] = check.verdict
+        row[f"{name} why"] = check.why
     return row

@@ -1,26 +1,59 @@
-"""The report of a batch: control charts, counts, and the scans that need a look."""
+"""The report of a batch: its parts, how well the process keeps each tolerance, control charts."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fringeworks import _core
+from fringeworks.batch.part_reports import Parts, write_part_reports
 from fringeworks.batch.run import BatchResult
+from fringeworks.evaluate.capability import CONFIDENCE, Interval, capability
+from fringeworks.evaluate.inspect import recipe_hash
 from fringeworks.files.atomic import StrPath
 from fringeworks.report.control_chart import control_chart
 from fringeworks.report.drawing import need_plots
-from fringeworks.report.page.blocks import Block, Chapter, Picture, Text
-from fringeworks.report.page.parts import dict_table
-from fringeworks.report.page.report import write_page
-from fringeworks.types import FloatMap, PartTolerance, made_by
+from fringeworks.report.page.blocks import Block, Chapter, Origin, Picture, Table, Text
+from fringeworks.report.page.parts import dict_table, facts
+from fringeworks.report.page.report import check_report_target, write_page
+from fringeworks.report.verdicts import COVERAGE, Verdict, allowed, overall
+from fringeworks.types import FloatMap, PartTolerance, Rig, day, fingerprint, made_by
+from fringeworks.types.numbers import UNKNOWN, limit, number, percent
+from fringeworks.types.recipe import UNITS
 
-MOST_LISTED = 200
-"""Scans that are listed; the summary has all."""
+MOST_LISTED = 2000
+"""Parts that the table of a page lists; the summary has all."""
+MOST_VALUES = 8
+"""Tolerances whose values stand in the table of parts; more have charts only."""
+NOT_MEASURED = "not measured"
+"""Verdict of scans that could not be measured."""
+INDEX_DIGITS = 2
+"""Decimals of Cp and Cpk: their intervals are several hundredths wide below 10,000 parts."""
+HOW_CAPABLE = (
+    "Cp and Cpk follow from the differences of neighbouring parts, Pp and Ppk from the standard "
+    f"deviation of all; in brackets, intervals of {percent(CONFIDENCE)} confidence. They hold for "
+    "normal values of a process in control. The measurement's own scatter is part of the spread."
+)
+"""Note below the table of capabilities."""
+HOW_CHARTED = (
+    "Bars are U (k = 2). Control limits follow from the differences of neighbouring parts: values "
+    "beyond them are no chance, whether or not they keep the tolerance."
+)
+"""Note above the control charts."""
 
 
-def write_batch_report(path: StrPath, result: BatchResult, *, title: str = "") -> Path:
+def write_batch_report(
+    path: StrPath,
+    result: BatchResult,
+    *,
+    title: str = "",
+    parts: Parts = "all",
+    progress: Callable[[str], None] = lambda _: None,
+) -> Path:
     """Write the report of a batch.
 
     Parameters
@@ -29,7 +62,12 @@ def write_batch_report(path: StrPath, result: BatchResult, *, title: str = "") -
         ``.html`` or ``.pdf``.
     result : BatchResult
     title : str
-        By default the name of the results.
+        By default the name of the folder of captures, and how many there are.
+    parts : "all", "failed" or "none"
+        Parts that get a report of their own, of the same format, in the folder ``NAME-parts``
+        beside it; ``failed`` are those that did not pass. A page links to them.
+    progress : callable
+        Called with what is written.
 
     Returns
     -------
@@ -40,74 +78,210 @@ def write_batch_report(path: StrPath, result: BatchResult, *, title: str = "") -
     FileProblem for another suffix, or a folder that cannot be written to.
     """
     need_plots("a report")
+    check_report_target(path)
     origin = made_by("write_batch_report", options={"results": str(result.folder)})
-    title = title or result.folder.stem
+    ordered = replace(result, rows=tuple(sorted(result.rows, key=_moment)))
+    links = write_part_reports(Path(path), ordered, parts, progress)
     chapters = [
-        _counts(result),
-        *(_chart(result, one) for one in result.tolerances),
-        *_look(result),
+        Chapter("Summary", (*_summary(ordered), *_capabilities(ordered))),
+        Chapter("Parts", _parts(ordered, links)),
+        Chapter(
+            "Control charts",
+            (
+                Text(HOW_CHARTED),
+                *(_chart(ordered, one) for one in result.tolerances),
+                _coverage(ordered),
+                _origin(ordered),
+            ),
+        ),
     ]
-    return write_page(path, title, chapters, origin)
+    return write_page(path, title or _title(result), chapters, origin, verdict=_verdict(ordered))
 
 
-def _counts(result: BatchResult) -> Chapter:
-    rows = [{"scans": len(result.rows), "not measured": result.failed}]
-    rows[0] |= {verdict: result.count(verdict) for verdict in ("pass", "fail", "undecided")}
-    shares = _column(result, "valid_share")
-    picture = control_chart(
-        "share of pixels with a value",
+def _moment(row: Mapping[str, Any]) -> tuple[str, str]:
+    """Parts in the order of their frames, else of their names."""
+    return str(row.get("taken", "")), str(row["scan"])
+
+
+def _title(result: BatchResult) -> str:
+    name = Path(result.source).name or result.folder.stem
+    count = len(result.rows)
+    return f"Inspection of {name}: {count} part{'' if count == 1 else 's'}"
+
+
+def _verdict(result: BatchResult) -> Verdict | None:
+    """The verdict of all parts."""
+    verdicts = _verdicts(result)
+    kind = "fail" if result.failed else overall(verdicts)
+    if not kind:
+        return None
+    names = {"fail": "failed", "undecided": "undecided", NOT_MEASURED: NOT_MEASURED}
+    counts = [f"{verdicts.count(v)} {name}" for v, name in names.items() if verdicts.count(v)]
+    said = f"{verdicts.count('pass')} of {len(verdicts)} parts pass"
+    return Verdict(kind, f"{kind.upper()}: {', '.join([said, *counts])}.")
+
+
+def _verdicts(result: BatchResult) -> list[str]:
+    return [str(row.get("verdict") or NOT_MEASURED) for row in result.rows]
+
+
+def _summary(result: BatchResult) -> tuple[Block, ...]:
+    """How many parts there are, when they were taken, and by what they were judged."""
+    dates = [row["taken"] for row in result.rows if row.get("taken")]
+    verdicts = _verdicts(result)
+    rig = result.recipe.rig
+    rows = [
+        ("parts", f"{len(result.rows):,}"),
+        *((v, f"{verdicts.count(v):,}") for v in ("pass", "fail", "undecided", NOT_MEASURED)),
+        ("frames written", f"{day(min(dates))} … {day(max(dates))}" if dates else None),
+        ("risk of a wrong decision", percent(result.recipe.risk)),
+        ("recipe", f"sha256 {recipe_hash(result.recipe)}"),
+        ("rig", f"sha256 {fingerprint(rig)}" if isinstance(rig, Rig) else None),
+    ]
+    return (facts(rows),)
+
+
+def _origin(result: BatchResult) -> Origin:
+    """What is needed to compute the batch again."""
+    origin = [
+        ("captures", result.source or None),
+        ("results", str(result.folder)),
+        ("version", f"fringeworks {_core.version}"),
+        ("call", f"fringeworks.batch.run_batch({result.source!r}, recipe, out)"),
+    ]
+    return Origin(facts(origin).rows)
+
+
+def _capabilities(result: BatchResult) -> tuple[Block, ...]:
+    """A row for each tolerance: limits, mean, spread, and indices with their intervals."""
+    rows, indices = [], []
+    for one in result.tolerances:
+        found = capability(_column(result, one.name), one.low, one.high)
+        unit = UNITS[one.quantity]
+        wide = _column(result, f"{one.name} σ")
+        usual = COVERAGE * float(np.median(wide[np.isfinite(wide)])) if found.count else None
+        nominal, low, high = (limit(v) for v in (one.target, one.low, one.high))
+        rows.append(
+            {
+                "tolerance": one.name,
+                "nominal": nominal,
+                "min": low,
+                "max": high,
+                "mean": number(found.mean, found.overall, unit),
+                "s": number(found.overall, found.overall, unit),
+                "U (k = 2)": number(usual, usual, unit),
+            }
+        )
+        indices.append(
+            {
+                "tolerance": one.name,
+                "Cp": _index(found.cp, found.cp_interval),
+                "Cpk": _index(found.cpk, found.cpk_interval),
+                "Pp": _index(found.pp, found.pp_interval),
+                "Ppk": _index(found.ppk, found.ppk_interval),
+            }
+        )
+    if not rows:
+        return (Text("Nothing is judged: the recipe has no tolerances."),)
+    caption = "Capability"
+    return dict_table(rows, "Values"), dict_table(indices, caption), Text(HOW_CAPABLE)
+
+
+def _index(value: float, interval: Interval) -> str:
+    """An index with its interval."""
+    if not np.isfinite(value):
+        return UNKNOWN
+    shown = [number(v, 10.0 ** (1 - INDEX_DIGITS)) for v in (value, *interval)]
+    return f"{shown[0]} [{shown[1]}, {shown[2]}]"
+
+
+def _parts(result: BatchResult, links: Mapping[str, str]) -> tuple[Block, ...]:
+    """The table of parts, which a page can search."""
+    listed = result.rows[:MOST_LISTED]
+    valued = result.tolerances[:MOST_VALUES]
+    columns = ("part", "frames written / UTC", "verdict", *(_heading(one) for one in valued), "why")
+    verdicts = _verdicts(result)
+    table = Table(
+        columns,
+        tuple(_row(result, row, valued) for row in listed),
+        "All parts, in the order in which their frames were written",
+        bad=tuple(k for k, v in enumerate(verdicts[:MOST_LISTED]) if v in ("fail", NOT_MEASURED)),
+        doubtful=tuple(k for k, v in enumerate(verdicts[:MOST_LISTED]) if v == "undecided"),
+        links=tuple(links.get(str(row["scan"]), "") for row in listed),
+        search=True,
+    )
+    more = len(result.rows) - len(listed)
+    return (table, *([Text(f"… and {more} more: see {result.summary.name}.")] if more else []))
+
+
+def _heading(one: PartTolerance) -> str:
+    unit = UNITS[one.quantity]
+    return f"{one.name} / {unit}" if unit else one.name
+
+
+def _row(
+    result: BatchResult, row: Mapping[str, Any], valued: tuple[PartTolerance, ...]
+) -> tuple[str, ...]:
+    """A part: its values, and why it does not pass."""
+    whys = [_why(one, row) for one in result.tolerances if row.get(f"{one.name} why")]
+    values = [number(row.get(one.name), row.get(f"{one.name} σ")) for one in valued]
+    return (
+        str(row["scan"]),
+        day(row["taken"]).removesuffix(" UTC") if row.get("taken") else UNKNOWN,
+        str(row.get("verdict") or NOT_MEASURED),
+        *values,
+        str(row.get("error") or "; ".join(whys)),
+    )
+
+
+def _why(one: PartTolerance, row: Mapping[str, Any]) -> str:
+    """Why a part does not pass, in a line; its own report has more of what is undecided."""
+    value, sigma = row.get(one.name), row.get(f"{one.name} σ")
+    if row.get(f"{one.name} verdict") == "undecided" and value is not None:
+        return f"{one.name}: undecided at {number(value, sigma)} ({allowed(one)})"
+    return f"{one.name}: {row[f'{one.name} why']}"
+
+
+def _chart(result: BatchResult, one: PartTolerance) -> Picture:
+    """The control chart of a tolerance."""
+    figure = control_chart(
+        f"{one.name}: {one.quantity.replace('_', ' ')} of {' and '.join(one.areas)}",
+        _column(result, one.name),
+        np.nan_to_num(_column(result, f"{one.name} σ")),
+        [str(row.get(f"{one.name} verdict", "")) for row in result.rows],
+        (one.low, one.high),
+        unit=UNITS[one.quantity],
+        names=[str(row["scan"]) for row in result.rows],
+        order=_order(result),
+    )
+    low = f"{one.name}, {UNITS[one.quantity]}" if UNITS[one.quantity] else one.name
+    return Picture(figure, f"{low}; allowed {allowed(one)}.")
+
+
+def _order(result: BatchResult) -> str:
+    """Label of the axis of parts."""
+    dates = [row["taken"] for row in result.rows if row.get("taken")]
+    return f"parts, {day(min(dates))} … {day(max(dates))}" if dates else "parts"
+
+
+def _coverage(result: BatchResult) -> Picture:
+    """How much of each part was measured."""
+    shares = 100.0 * _column(result, "valid_share")
+    figure = control_chart(
+        "measured pixels",
         shares,
         np.zeros_like(shares),
         _verdicts(result),
         (None, None),
+        unit="%",
+        names=[str(row["scan"]) for row in result.rows],
+        order=_order(result),
     )
-    blocks: tuple[Block, ...] = (
-        dict_table(rows, "Parts by verdict"),
-        Picture(picture, "How much of each part was measured."),
-    )
-    return Chapter("Parts", blocks)
-
-
-def _chart(result: BatchResult, one: PartTolerance) -> Chapter:
-    """The control chart of a tolerance."""
-    verdicts = [str(row.get(f"{one.name} verdict", "")) for row in result.rows]
-    sigma = np.nan_to_num(_column(result, f"{one.name} σ"))
-    figure = control_chart(
-        f"{one.name}: {one.quantity.replace('_', ' ')}",
-        _column(result, one.name),
-        sigma,
-        verdicts,
-        (one.low, one.high),
-    )
-    text = (
-        "Bars are two standard deviations of a value. Control limits follow from the differences "
-        "of neighbouring parts: values beyond them are no chance, whether or not they keep the "
-        "tolerance."
-    )
-    return Chapter(one.name, (Picture(figure, text),))
-
-
-def _look(result: BatchResult) -> list[Chapter]:
-    """Scans that failed, are undecided, or were not measured."""
-    rows = [
-        {"scan": row["scan"], "verdict": row.get("verdict", ""), "why": row.get("error", "")}
-        for row in result.rows
-        if row.get("error") or row.get("verdict") != "pass"
-    ]
-    if not rows:
-        return []
-    blocks: list[Block] = [dict_table(rows[:MOST_LISTED], "Parts that did not pass")]
-    if len(rows) > MOST_LISTED:
-        blocks.append(Text(f"… and {len(rows) - MOST_LISTED} more: see {result.summary.name}."))
-    return [Chapter("Look at these", tuple(blocks))]
-
-
-def _verdicts(result: BatchResult) -> list[str]:
-    return [str(row.get("verdict", "")) for row in result.rows]
+    return Picture(figure, "How much of each part was measured.")
 
 
 def _column(result: BatchResult, name: str) -> FloatMap:
-    def number(value: Any) -> float:
+    def number_of(value: Any) -> float:
         return np.nan if value is None or value == "" else float(value)
 
-    return np.array([number(row.get(name)) for row in result.rows])
+    return np.array([number_of(row.get(name)) for row in result.rows])

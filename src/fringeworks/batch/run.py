@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,10 @@ class BatchResult(Frozen):
     are empty, and those of interrupted captures, have an error."""
     passed_over: tuple[str, ...] = ()
     """Names of folders beside the captures that hold something else."""
+    source: str = ""
+    """Folder, array or address of the captures."""
+    recipe: Recipe = field(default_factory=Recipe)
+    """The recipe, with its rig."""
 
     @property
     def failed(self) -> int:
@@ -141,7 +145,9 @@ def run_batch(
                 watch, scans = None, _found(source, ready=False)
         store.end()
     left = passed_over(source)
-    return BatchResult(folder, store.summary, known.tolerances, tuple(ordered), left)
+    return BatchResult(
+        folder, store.summary, known.tolerances, tuple(ordered), left, str(source), known
+    )
 
 
 def _found(source: StrPath, *, ready: bool) -> list[Scan]:

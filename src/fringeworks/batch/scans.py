@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -158,6 +159,22 @@ def local(scan: Scan) -> Iterator[Path | Any]:
                 raise FileProblem(f"{scan.place}: could not be read: {error}") from error
             yield target
             shutil.rmtree(target, ignore_errors=True)
+
+
+def taken(scan: Scan) -> str:
+    """When the frames of a scan were written, in UTC (ISO 8601); empty where nothing tells it.
+
+    It is the latest date of its files; files at an address and arrays have none.
+    """
+    if scan.index is not None or "://" in scan.place:
+        return ""
+    try:
+        latest = max((p.stat().st_mtime for p in Path(scan.place).iterdir()), default=None)
+    except OSError:
+        return ""
+    if latest is None:
+        return ""
+    return datetime.fromtimestamp(latest, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def content_hash(lent: Path | Any) -> str:

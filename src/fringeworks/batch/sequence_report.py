@@ -13,6 +13,7 @@ from fringeworks.report.page.blocks import Block, Chapter, Picture, Text
 from fringeworks.report.page.parts import dict_table
 from fringeworks.report.page.report import write_page
 from fringeworks.types import made_by
+from fringeworks.types.numbers import estimate, number
 
 MOST_LISTED = 20
 """Vibrations of an area that are listed, the largest first."""
@@ -55,15 +56,17 @@ def motion_rows(result: SequenceResult) -> list[dict[str, Any]]:
         known = moved.distance_mm[moved.distance_mm == moved.distance_mm]
         row = {"area": name, "moments": known.size, "range": "", "drift": "", "vibration": ""}
         if known.size:
-            row["range"] = f"{known.max() - known.min():.4g} mm"
+            row["range"] = number(float(known.max() - known.min()), unit="mm")
         found = result.vibrations.get(name)
         if found is not None:
-            row["drift"] = f"{found.drift_mm_per_s:.3g} ± {found.drift_sigma:.2g} mm/{per}"
+            row["drift"] = estimate(found.drift_mm_per_s, found.drift_sigma, f"mm/{per}")
             row["vibration"] = "none above the floor"
             if found.peaks:
                 frequency, amplitude = found.peaks[0]
                 unit = "Hz" if result.rate_hz else "/frame"
-                row["vibration"] = f"{frequency:.4g} {unit}, {1000 * amplitude:.3g} µm"
+                row["vibration"] = (
+                    f"{number(frequency, digits=4)} {unit}, {number(1000 * amplitude)} µm"
+                )
         rows.append(row)
     return rows
 
@@ -79,7 +82,7 @@ def _area(name: str, result: SequenceResult) -> Chapter:
     if found is not None and found.peaks:
         unit = "Hz" if result.rate_hz else "1/frame"
         rows = [
-            {f"frequency, {unit}": f"{f:.4g}", "amplitude, µm": f"{1000 * a:.3g}"}
+            {f"frequency, {unit}": number(f, digits=4), "amplitude, µm": number(1000 * a)}
             for f, a in found.peaks[:MOST_LISTED]
         ]
         blocks.append(dict_table(rows, "Vibrations above the floor"))

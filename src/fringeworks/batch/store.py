@@ -16,7 +16,7 @@ import numpy as np
 
 from fringeworks.files.atomic import StrPath, replacing, write_text
 from fringeworks.files.limits import is_file, is_folder
-from fringeworks.files.read_write import write
+from fringeworks.files.read_write import read, write
 from fringeworks.files.zarr_array import INSTALL, ZARR_FILE
 from fringeworks.types import FileProblem, FloatMap, HeightMap, MissingPackage, PointCloud
 
@@ -87,6 +87,21 @@ class Store:
         place = self.folder / SCANS / address
         described = json.loads((place / (ZARR_FILE if self.zarr else ROW)).read_text("utf-8"))
         return dict(described["attributes"] if self.zarr else described)
+
+    def surface(self, address: str) -> HeightMap | PointCloud:
+        """Return the surface of a complete result.
+
+        Raises
+        ------
+        FileProblem for files that were changed.
+        """
+        place = self.folder / SCANS / address
+        if self.zarr:
+            return _read_group(place)
+        found = read(place / ARCHIVE)
+        if not isinstance(found, HeightMap | PointCloud):
+            raise FileProblem(f"{place}: expected points or heights, got {type(found).__name__}")
+        return found
 
     def count_begun(self, address: str) -> int:
         """Return how often a scan was begun in this run and has not ended."""
@@ -188,6 +203,19 @@ def _write_group(place: Path, surface: HeightMap | PointCloud, row: Row) -> None
         values = np.asarray(getattr(surface, name))
         attributes = {"units": units[name]} if units[name] else {}
         create_maps(group, name, values, attributes)[...] = values
+
+
+def _read_group(place: Path) -> HeightMap | PointCloud:
+    """The surface in a Zarr group that ``_write_group`` wrote."""
+    group = open_group(place, "r")
+    reason = np.asarray(group["reason"][...])
+    if "xyz_mm" in group:
+        xyz, sigma, noise = (np.asarray(group[n][...]) for n in ("xyz_mm", "sigma_mm", "noise_mm"))
+        return PointCloud(xyz, sigma, noise, reason)
+    values, sigma = (np.asarray(group[name][...]) for name in ("values", "sigma"))
+    about = group.attrs
+    unit: Any = group["values"].attrs["units"]
+    return HeightMap(values, sigma, reason, about["quantity"], unit, about["pitch"])
 
 
 def create_maps(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,6 +19,16 @@ NOT_MEASURED = 5
 """Exit code where scans could not be measured."""
 POLL_S = 1.0
 """Interval at which a watched folder is looked at, s."""
+
+
+class PartReports(StrEnum):
+    """Parts with a report of their own."""
+
+    all = "all"
+    failed = "failed"
+    none = "none"
+
+
 SHOWN = 10
 """Problems that are listed; the summary has all."""
 
@@ -52,6 +63,11 @@ def batch(
         Path | None,
         typer.Option(help="Write a report: control charts and what to look at, .html or .pdf."),
     ] = None,
+    title: Annotated[str, typer.Option(help="Title; by default the folder's name.")] = "",
+    part_reports: Annotated[
+        PartReports,
+        typer.Option(help="Parts with a report of their own, in the folder REPORT-parts."),
+    ] = PartReports.all,
     resume: Annotated[
         bool,
         typer.Option(
@@ -93,7 +109,9 @@ def batch(
     words.say(f"{len(found.rows)} scans: {told_counts}, {found.failed} not measured")
     _say_passed_over(words, found.passed_over)
     if report is not None:
-        fw.batch.write_batch_report(report, found)
+        with output.progress(len(found.rows)) as show:
+            kind: Any = part_reports.value
+            fw.batch.write_batch_report(report, found, title=title, parts=kind, progress=show)
     words.wrote(out, found.summary, report)
     code = 3 if counts["fail"] else 4 if counts["undecided"] else 0
     raise typer.Exit(NOT_MEASURED if found.failed else code)

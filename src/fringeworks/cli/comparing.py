@@ -213,10 +213,10 @@ def _on_pairs(
     )
     if results.figure is None:
         return
-    for number, one in enumerate(found, 1):
+    for k, one in enumerate(found, 1):
         path = results.figure
         if len(found) > 1:
-            path = path.with_name(f"{path.stem}_{number}{path.suffix}")
+            path = path.with_name(f"{path.stem}_{k}{path.suffix}")
         output.draw(one.plot(), path, origin)
         if not output.is_stdout(path):
             words.say(f"wrote {path}, the maps of {one.name}")
@@ -262,7 +262,9 @@ def _say_map(words: output.Output, cells: Sequence[Cell]) -> None:
     )
     for cell in lost:
         scene = ", ".join(f"{name} {value}" for name, value in cell.scene.items())
+        from fringeworks.types.numbers import number
+
         words.say(
-            f"  {scene}: {cell.best} {cell.error_mm:.3g} mm, windowed {cell.windowed_mm:.3g} mm: "
-            f"{cell.why}"
+            f"  {scene}: {cell.best} {number(cell.error_mm)} mm, windowed "
+            f"{number(cell.windowed_mm)} mm: {cell.why}"
         )

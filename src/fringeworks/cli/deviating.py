@@ -12,6 +12,7 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
+from fringeworks.cli.inspecting import EXIT_CODES
 from fringeworks.cli.showing import ShowOptions
 
 SECTION = "Results"
@@ -145,7 +146,7 @@ def deviation(
     scale: Annotated[float, typer.Option(help="mm per unit of the drawing; inches: 25.4.")] = 1.0,
     show: ShowOptions,
 ) -> None:
-    """Measure how far a part lies from its drawing."""
+    """Measure how far a part lies from its drawing; judged, exit code 3 fail, 4 undecided."""
     words = output.Output(*show.targets)
     show.check()
     way = how.way
@@ -157,9 +158,17 @@ def deviation(
             align=way,
             rig=known,
             reach_mm=reach_mm,
+            tolerance_mm=tolerance_mm,
             progress=progress,
         )
-    figures = fw.report.summarise(found) | found.figures(tolerance_mm)
+    from fringeworks.evaluate.inspect import judge_deviation
+
+    figures = fw.report.summarise(found)
+    check = judge_deviation(found, known)
+    if check is not None:
+        figures |= {"verdict": check.verdict, "why": check.why, "largest_kept_mm": check.value}
     show.write(found, figures, name=part.name, provenance=found.provenance, rig=known)
     words.tell(found, figures)
     words.wrote(show.figure, show.report)
+    if check is not None:
+        raise typer.Exit(EXIT_CODES[check.verdict])

@@ -48,7 +48,7 @@ def inspect_part(
             fw.write(place, found.surface, kind=ply.value)
     figures = fw.report.summarise(found)
     show.write(
-        found.surface,
+        found,
         figures,
         name=capture.name,
         provenance=found.surface.provenance,

@@ -9,11 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fringeworks.cli import output
 from fringeworks.cli.decoding import DecodingOptions
 from fringeworks.cli.showing import ShowOptions
+
+if TYPE_CHECKING:
+    from fringeworks.cli.robots import RobotOptions
 
 QUIET = ("--quiet", "-q")
 """The option of all commands that a plain call may have."""
@@ -26,11 +29,12 @@ def measure_points(
     how: DecodingOptions,
     show: ShowOptions,
     ply: str = "points",
+    robot: RobotOptions | None = None,
     **known: Any,
 ) -> None:
     """Measure the points of a capture, write them, and say what they are.
 
-    ``known`` are further options of ``fringeworks.measure``.
+    ``robot`` says in which coordinates; ``known`` are further options of ``fringeworks.measure``.
     """
     words = output.Output(out, *show.targets)
     output.check(out, "points", content=ply)
@@ -49,6 +53,8 @@ def measure_points(
         progress("measuring …")
         found = measure(loaded, calibrated, **known, **options)
     del loaded
+    if robot is not None:
+        found = robot.placed(found, calibrated, stack.name)
     # Without the maps of coordinates and their memory, where nothing draws them.
     shown = found if show.draws else found.points
     del found

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -24,6 +24,34 @@ class PosesName(StrEnum):
     board = "board"
     turntable = "turntable"
     shape = "shape"
+
+
+class UpName(StrEnum):
+    """What is up in a mesh."""
+
+    board = "board"
+    unseen = "unseen"
+    x = "x"
+    minus_x = "-x"
+    y = "y"
+    minus_y = "-y"
+    z = "z"
+    minus_z = "-z"
+
+
+class OriginName(StrEnum):
+    """Where the origin of a mesh lies."""
+
+    plate = "plate"
+    part = "part"
+
+
+def _standing(found: fw.views.MergedPart, up: UpName | None, origin: OriginName) -> fw.TriangleMesh:
+    """A closed mesh on its plate; by default on the side that no view saw, where there is one."""
+    solid = fw.views.closed_mesh(replace(found.points, provenance=found.provenance))
+    unseen = solid.filled is not None and solid.filled.any()
+    name: Any = (up or (UpName.unseen if unseen else UpName.z)).value
+    return fw.views.stand_mesh(solid, name, origin=origin.value)
 
 
 @app.command(
@@ -68,6 +96,17 @@ def merge(
     voxel_mm: Annotated[
         float | None, typer.Option(help="Side of the voxels in which points are fused, mm.")
     ] = None,
+    up: Annotated[
+        UpName | None,
+        typer.Option(
+            help="What is up in a watertight mesh: away from the board, from the side that no view "
+            "saw, or an axis of the part; by default the first of these that there is."
+        ),
+    ] = None,
+    origin: Annotated[
+        OriginName,
+        typer.Option(help="Origin of a watertight mesh: on its plate, or that of the points."),
+    ] = OriginName.plate,
 ) -> None:
     """Merge point clouds of a part that was measured from several sides."""
     words = output.Output(out)
@@ -87,23 +126,26 @@ def merge(
         )
         if as_mesh:
             progress("mesh …")
-            solid = fw.views.closed_mesh(replace(found.points, provenance=found.provenance))
+            solid = _standing(found, up or (None if board is None else UpName.board), origin)
     with output.target(out, ".ply") as place:
         if solid is None:
             fw.files.write_merged_points(place, found.points, provenance=found.provenance)
         else:
             fw.files.write_mesh(place, solid)
+    from fringeworks.types.numbers import estimate, number, percent
+
     loop = found.closure
     if loop is not None and loop.directions:
-        words.say(
-            f"the loop closes to {loop.translation_mm:.4f} mm and {loop.rotation_deg:.4f}° "
-            f"(σ {loop.translation_sigma_mm:.4f} mm and {loop.rotation_sigma_deg:.4f}°)"
-        )
+        apart = estimate(loop.translation_mm, loop.translation_sigma_mm, "mm")
+        turned = estimate(loop.rotation_deg, loop.rotation_sigma_deg)
+        words.say(f"the loop closes to {apart} and ({turned})°")
     if found.blur_px is not None:
-        words.say(f"the error of a blur of {found.blur_px:.2f} px was removed")
+        words.say(f"the error of a blur of {number(found.blur_px)} px was removed")
     words.say(f"{len(found.points.xyz_mm)} points of {len(views)} views")
     if solid is not None:
         filled = 0.0 if solid.filled is None else float(solid.filled.mean())
-        words.say(f"{len(solid.faces)} triangles; {filled:.0%} of the surface was not measured")
+        words.say(
+            f"{len(solid.faces)} triangles; {percent(filled)} of the surface was not measured"
+        )
     words.found(found.findings)
     words.wrote(out)

@@ -18,10 +18,10 @@ PANELS = {
     "baseline-mm pitch-mm-per-px sign principal-px plane-coordinates plane-equation "
     "plane-sigma-mm period-px bright-px board "
     "turntable turn distortion model align datum-point datum-plane fit-box reach-mm tolerance-mm "
-    "scale",
+    "scale in robot-pose poses-as",
     "Method": "live method option against denoise zero response estimate-response estimate-steps "
     "relative phases unwrap contrast adjust kind min-period max-period camera-pixel robust",
-    "Output": "out capture ply figure report json csv markdown timing force",
+    "Output": "out capture ply figure panel no-title report json csv markdown timing force",
 }
 """Names of options by panel. An option means the same in every command, so it has one panel."""
 FIRST = {

@@ -135,10 +135,18 @@ def plan(
 
 def _say(words: output.Output, found: list[fw.patterns.Proposal]) -> None:
     """Print proposals as a table, and why they have such periods."""
+    from fringeworks.types.numbers import number, sigma_text  # when used: it starts quickly
+
     words.table(
         ["kind", "σ / px", "margin / σ", "frames", "periods × steps"],
         [
-            [p.kind, f"{p.sigma_px:.4f}", f"{p.margin:.0f}", str(p.plan.frames), p.summary]
+            [
+                p.kind,
+                sigma_text(p.sigma_px),
+                number(p.margin, digits=2),
+                str(p.plan.frames),
+                p.summary,
+            ]
             for p in found
         ],
     )

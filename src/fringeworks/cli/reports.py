@@ -43,6 +43,7 @@ def report(
     ] = None,
     thin: Annotated[int, typer.Option(help="Show every THIN-th column and row only.")] = 1,
     pdf: Annotated[Path | None, typer.Option(help="Write a PDF beside the page.")] = None,
+    paper: Annotated[str, typer.Option(help="Paper: A4 or letter, for a PDF.")] = "A4",
 ) -> None:
     """Write results with their pictures, findings, tolerances and origin into one file."""
     words = output.Output(out)
@@ -57,6 +58,7 @@ def report(
             rig=rig,
             every=thin,
             pdf=pdf,
+            paper=paper,
         )
     words.wrote(out, pdf)
     if not written.kept:

@@ -133,7 +133,7 @@ def board(
     ],
     out: Annotated[Path, typer.Option("--out", help="File to print: .pdf, .svg or .png.")],
     paper: Annotated[
-        str, typer.Option(help="A5 … A0, letter, legal, tabloid, or width x height in mm.")
+        str, typer.Option(help="Paper: A5 … A0, letter, legal, tabloid, or width x height in mm.")
     ] = "A4",
     landscape: Annotated[
         bool | None,

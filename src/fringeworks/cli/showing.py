@@ -25,6 +25,13 @@ class ShowOptions:
         Path | None, typer.Option(help="Write a report: a page to hand on, .html or .pdf.")
     ] = None
     json_file: JsonFile = None
+    panel: Annotated[
+        str | None,
+        typer.Option(help="Map that --figure draws alone, such as height, depth or sigma."),
+    ] = None
+    no_title: Annotated[
+        bool, typer.Option("--no-title", help="Draw --figure without titles, for papers.")
+    ] = False
 
     @property
     def targets(self) -> tuple[Path | None, ...]:
@@ -38,6 +45,8 @@ class ShowOptions:
 
     def check(self) -> None:
         """Refuse files that cannot be written, before anything is computed for them."""
+        if self.figure is None and (self.panel is not None or self.no_title):
+            raise fw.InputError("--panel, --no-title: expected together with --figure")
         output.check(self.figure, "figure")
         output.check(self.report, "report")
 
@@ -52,7 +61,8 @@ class ShowOptions:
     ) -> None:
         """Write what is asked for."""
         if self.figure is not None:
-            output.draw(result.plot(name), self.figure, provenance)
+            drawn = result.plot(name, panel=self.panel or "", title=not self.no_title)
+            output.draw(drawn, self.figure, provenance)
         if self.report is not None:
             shown = {name: result} if name else result
             with output.target(self.report, ".html") as place:

@@ -28,6 +28,7 @@ from fringeworks.cli.options import (
     gains_of,
     items,
 )
+from fringeworks.cli.robots import FrameName, RobotOptions
 from fringeworks.cli.showing import ShowOptions
 
 SECTION = "Stacks and rigs"
@@ -336,11 +337,15 @@ def measure(
     ] = None,
     ply: PlyOption = Ply.points,
     *,
+    robot: RobotOptions,
     show: ShowOptions,
 ) -> None:
     """Measure the points of one or several cameras' frames with a calibrated rig."""
     chosen: Literal["x", "y"] | None = None if axis is None else axis.value
+    robot.check()
     if len(stacks) > 1:
+        if robot.frame != FrameName.camera:
+            raise fw.InputError("--in: robot cannot be combined with several cameras")
         if (epipolar_px, depth, blur_px, white_balance) != (None,) * 4 or ply != Ply.points:
             raise fw.InputError(
                 "measure: --epipolar-px, --depth, --blur-px, --white-balance and --ply cannot be "
@@ -350,4 +355,4 @@ def measure(
         return
     known: dict[str, Any] = {"axis": chosen, "epipolar_px": epipolar_px, "blur_px": blur_px}
     known |= {"depth_mm": depth_of(depth), "white_balance": gains_of(white_balance)}
-    measure_points(stacks[0], rig_file, out, how, show, ply.value, **known)
+    measure_points(stacks[0], rig_file, out, how, show, ply.value, robot, **known)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -12,7 +13,7 @@ from fringeworks.devices.virtual_camera import CameraModel, VirtualCamera
 from fringeworks.devices.virtual_projector import ProjectorModel, VirtualProjector
 from fringeworks.devices.virtual_scene import RigScene
 from fringeworks.rig.calibration.board import parse_board
-from fringeworks.rig.pinhole import pose
+from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.simulate.bodies import Body, Plane, Sphere
 from fringeworks.simulate.standard import board_body, board_poses, bust, standard_rig
 from fringeworks.simulate.virtual_rig import look
@@ -25,8 +26,15 @@ MODEL = CameraModel(fps=60.0, readout_s=0.004)
 """A camera that keeps step with a projector of 60 Hz."""
 BOARD = "chessboard:11x8:12"
 """The board of the scenes ``board-0``, ``board-1`` and so on."""
-POSES = 10
-"""Number of poses of the board."""
+POSES = 12
+"""Number of poses of the board: as many as a calibration asks for."""
+TABLE_PREFIX = "turntable-"
+"""Beginning of the names of scenes with a turntable; its angle in degrees follows."""
+TABLE_ELEVATION_DEG = 25.0
+"""Angle by which the camera looks down at the turntable, degrees: it then sees the part and the
+table's board."""
+BUST_MIDDLE_MM = 18.0
+"""Depth of the middle of the bust's foot behind its own origin, mm: the table's axis."""
 DISTANCE_MM = 500.0
 """Distance of the objects, mm."""
 RADIUS_MM = 40.0
@@ -42,7 +50,8 @@ SCENES: dict[str, Callable[[], list[Body]]] = {
     "plane": lambda: [Body(Plane(), _middle(), albedo=0.7)],
     "sphere": lambda: [Body(Sphere(RADIUS_MM), _middle(), albedo=0.7)],
 }
-"""Scenes by name; ``board-0`` to ``board-9`` are poses of a calibration board."""
+"""Scenes by name; ``board-0`` to ``board-11`` are poses of a calibration board, and
+``turntable-ANGLE`` is the bust on a turntable."""
 
 
 def virtual_rig() -> Rig:
@@ -64,8 +73,9 @@ def virtual_bench(
     Parameters
     ----------
     scene : str
-        ``bust`` (the default), ``plane`` or ``sphere``; or ``board-0`` to ``board-9``, ten poses of
-        a calibration board ``chessboard:11x8:12``, whose squares have 12 mm.
+        ``bust`` (the default), ``plane`` or ``sphere``; ``board-0`` to ``board-11``, twelve poses
+        of a calibration board ``chessboard:11x8:12``, whose squares have 12 mm; or
+        ``turntable-ANGLE``, the bust on a turntable that stands at this angle in degrees.
     clock : Clock, optional
         The machine's by default, so that frames take real time.
     seed : int
@@ -98,7 +108,23 @@ def _bodies(scene: str) -> list[Body]:
     if name == "board" and number.isdecimal() and int(number) < POSES:
         board = parse_board(BOARD)
         return [board_body(board, board_poses(board, POSES)[int(number)])]
+    if scene.startswith(TABLE_PREFIX) and _is_angle(scene.removeprefix(TABLE_PREFIX)):
+        return _turned(float(scene.removeprefix(TABLE_PREFIX)))
     if scene not in SCENES:
-        names = ", ".join([*SCENES, "board-0", f"… board-{POSES - 1}"])
+        names = ", ".join([*SCENES, "board-0", f"… board-{POSES - 1}", f"{TABLE_PREFIX}ANGLE"])
         raise DeviceProblem(f"virtual scene {scene!r}: expected one of {names}")
     return SCENES[scene]()
+
+
+def _is_angle(text: str) -> bool:
+    """Whether a text is a finite number of plain digits."""
+    return re.fullmatch(r"-?\d{1,4}(\.\d{1,6})?", text) is not None
+
+
+def _turned(angle_deg: float) -> list[Body]:
+    """The bust without its wall, turned about its own axis before a camera that looks down."""
+    down = rotation(np.array([np.radians(TABLE_ELEVATION_DEG), 0.0, 0.0]))
+    turn = rotation(np.array([0.0, np.radians(angle_deg), 0.0]))
+    foot = np.array([0.0, 0.0, BUST_MIDDLE_MM])
+    place = pose(down @ turn, np.array([0.0, 0.0, DISTANCE_MM]) - down @ turn @ foot)
+    return bust(place)[:-1]

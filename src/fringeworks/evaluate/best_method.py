@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.evaluate.captures import Row
+from fringeworks.types.numbers import number, percent
 
 TIE = 1.02
 """Errors within this factor count as equal: that much changes from seed to seed."""
@@ -78,15 +79,16 @@ def _why(best: Row, windowed: Row) -> str:
         return "ideal frames: a row method needs no window"
     unmeasured = best["failed_fraction"] - windowed["failed_fraction"]
     if unmeasured > UNMEASURED:
-        return f"it leaves {unmeasured:.1%} more unmeasured"
+        return f"it leaves {percent(unmeasured)} more unmeasured"
     inner, own_inner = (row["inner_mean_abs_error_mm"] for row in (best, windowed))
     if np.isfinite(best["edge_mean_abs_error_mm"]):
-        off = f"{inner:.2g} against {own_inner:.2g} mm more than 5 px off them"
+        errors = f"{number(inner, digits=2)} against {number(own_inner, digits=2)} mm"
+        off = f"{errors} more than 5 px off them"
         return f"cliffs: windows reach across them ({off})"
     if not best["noise"]:
         return "rounding without noise repeats along the fringes: windows do not average it"
-    return f"errs less all over, s.d. {best['std_error_mm']:.2g} against " + (
-        f"{windowed['std_error_mm']:.2g} mm"
+    return f"errs less all over, s.d. {number(best['std_error_mm'], digits=2)} against " + (
+        f"{number(windowed['std_error_mm'], digits=2)} mm"
     )
 
 
@@ -99,5 +101,5 @@ def format_map(cells: Sequence[Cell]) -> list[Row]:
         line = lines.setdefault(key, dict(zip(CELL[:-1], key, strict=True)))
         for f in columns:
             line.setdefault(f"{f:g} fringes", "–")
-        line[f"{cell.scene['fringes']:g} fringes"] = f"{cell.best} {cell.error_mm:.3g}"
+        line[f"{cell.scene['fringes']:g} fringes"] = f"{cell.best} {number(cell.error_mm)}"
     return list(lines.values())

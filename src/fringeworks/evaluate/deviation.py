@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,7 @@ from fringeworks.types import (
     made_by,
     sealed,
 )
+from fringeworks.types.numbers import number, percent
 from fringeworks.views.alignment import (
     REACH_SHARE,
     align_by_fit,
@@ -99,6 +100,8 @@ class Deviation(Noted, Plotted, Frozen):
     """What was found about the alignment, the points and the model, and what to do about it."""
     provenance: Provenance | None = None
     """How it was made."""
+    tolerance_mm: float | None = None
+    """Largest distance that is allowed on either side, mm; None where nothing is judged."""
 
     @property
     def measured(self) -> FloatMap:
@@ -111,7 +114,7 @@ class Deviation(Noted, Plotted, Frozen):
         Parameters
         ----------
         tolerance_mm : float > 0, optional
-            Largest distance that is allowed on either side, mm.
+            Largest distance that is allowed on either side, mm; by default the deviation's own.
 
         Returns
         -------
@@ -124,6 +127,7 @@ class Deviation(Noted, Plotted, Frozen):
         ------
         InputError for a tolerance that is not above 0.
         """
+        tolerance_mm = self.tolerance_mm if tolerance_mm is None else tolerance_mm
         found = self.measured
         sigma = np.asarray(self.sigma_mm[self.reason == Reason.OK], np.float64)
         known = bool(np.isfinite(sigma).all())
@@ -169,6 +173,7 @@ def deviation(
     align: AlignBy | None = None,
     rig: Rig | StrPath | None = None,
     reach_mm: float | None = None,
+    tolerance_mm: float | None = None,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Deviation:
@@ -188,6 +193,8 @@ def deviation(
         alignment absorbs; without it, the errors of all points count in full.
     reach_mm : float > 0, optional
         Points farther from the model do not belong to it, mm; by default 5 % of its size.
+    tolerance_mm : float > 0, optional
+        Largest distance that is allowed on either side, mm: pictures and reports show it.
     seed : int
         Seed of the choice of points.
     progress : callable
@@ -230,6 +237,8 @@ def deviation(
     reach = REACH_SHARE * mesh.size_mm if reach_mm is None else float(reach_mm)
     if not 0 < reach < np.inf:
         raise InputError(f"reach_mm: expected > 0 mm, got {reach_mm}")
+    if tolerance_mm is not None and not 0 < tolerance_mm < np.inf:
+        raise InputError(f"tolerance_mm: expected > 0 mm, got {tolerance_mm}")
     with found_before((*surface.findings, *drawn.findings)):
         seen = measured_part(surface, known)
         progress("alignment …")
@@ -239,8 +248,8 @@ def deviation(
         near = mesh.nearest(placed, reach)
         if not (near.face >= 0).any():
             raise InputError(
-                f"model: expected points within {reach:.4g} mm of it, got none; align the part, or "
-                "check the unit of the model",
+                f"model: expected points within {number(reach)} mm of it, got none; align the "
+                "part, or check the unit of the model",
                 findings=alignment.findings,
             )
     extrapolates = not (isinstance(align, BestFit) and align.within is None)
@@ -248,11 +257,17 @@ def deviation(
     uncertain = _uncertainty(seen, alignment, placed, near, edge, extrapolates=extrapolates)
     origin = made_by(
         "deviation",
-        options={"align": align, "reach_mm": reach_mm, "seed": seed},
+        options={
+            "align": align,
+            "reach_mm": reach_mm,
+            "tolerance_mm": tolerance_mm,
+            "seed": seed,
+        },
         inputs=(source, drawn_source),
         rig=known,
     )
-    return _assembled(seen, drawn, alignment, placed, near, uncertain, origin)
+    found = _assembled(seen, drawn, alignment, placed, near, uncertain, origin)
+    return replace(found, tolerance_mm=tolerance_mm)
 
 
 def aligned(seen: MeasuredPart, mesh: MeshDistance, align: AlignBy, *, seed: int = 0) -> Alignment:
@@ -270,7 +285,7 @@ def aligned(seen: MeasuredPart, mesh: MeshDistance, align: AlignBy, *, seed: int
         if (found.face < 0).any():
             raise InputError(
                 "datum planes: expected points on the model, got one that lies "
-                f"{REACH_SHARE:.0%} of its size or more from it"
+                f"{percent(REACH_SHARE)} of its size or more from it"
             )
         return align_planes(parts, found.point_mm, mesh.normals[found.face])
     start = align.start

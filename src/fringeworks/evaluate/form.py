@@ -33,6 +33,7 @@ from fringeworks.types import (
     found_before,
     made_by,
 )
+from fringeworks.types.numbers import number, percent
 
 MIN_POINTS = 10
 """Points that a fit needs: twice the five parameters of a cylinder."""
@@ -157,8 +158,8 @@ def _findings(points: Points, common: FloatMap | None, forms: list[Form]) -> tup
         most = float(np.abs(form.distance_mm[form.far]).max())
         counted = share > DISCARDED
         seen = (
-            f"{share:.2%} of the points lie up to {most:.4g} mm off the {form.body} that the "
-            "others lie on: dents, bumps or points of something else; "
+            f"{percent(share)} of the points lie up to {number(most)} mm off the {form.body} that "
+            "the others lie on: dents, bumps or points of something else; "
             + ("they count" if counted else "they are among the discarded 0.3 %: look at them")
         )
         findings.append(Finding("form", seen, figures={"share": share, "largest_mm": most}))

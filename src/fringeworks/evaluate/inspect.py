@@ -6,18 +6,20 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from statistics import NormalDist
 from threading import Lock
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from fringeworks.evaluate.area_points import AreaPoints, area_points
 from fringeworks.evaluate.deviation import Deviation, deviation
 from fringeworks.evaluate.quantities import MEASURED, Quantified, area_deviation
+from fringeworks.evaluate.spots import find_spots
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.provenance import source_of
 from fringeworks.files.recipe import read_recipe
 from fringeworks.files.rig import read_rig
 from fringeworks.pipeline.inputs import capture_of
@@ -36,16 +38,23 @@ from fringeworks.types import (
     Noted,
     Pair,
     PartTolerance,
+    Plotted,
     PointCloud,
+    Provenance,
     Reason,
     Recipe,
     Rig,
+    TriangleMesh,
+    fingerprint,
     found_before,
     sealed,
 )
-from fringeworks.types.recipe import FROM_MODEL
+from fringeworks.types.numbers import estimate, limit, number
+from fringeworks.types.recipe import FROM_MODEL, USUAL_RISK
 
 Verdict = Literal["pass", "fail", "undecided"]
+SPOT_PLACE_MM = 0.1
+"""Standard deviation that places of spots are said with, mm: a spot covers some pixels."""
 QUANTITIES_AT_ONCE = 4
 """Largest number of quantities that are computed at the same time. Each takes some arrays of its
 area, 100 bytes a point, and parts have few areas that are large."""
@@ -65,17 +74,17 @@ class Check(Frozen):
     unit: str
     verdict: Verdict
     why: str = ""
-    """Why it is undecided; empty otherwise."""
+    """Why it fails or is undecided; empty where it passes."""
 
     def __str__(self) -> str:
         low, high = self.tolerance.low, self.tolerance.high
-        limits = f"{'' if low is None else f'{low:g}'}…{'' if high is None else f'{high:g}'}"
-        value = f"{self.value:.5g} ± {self.sigma:.2g}"
-        return f"{self.tolerance.name}: {value} {self.unit} ({limits}): {self.verdict}"
+        limits = "…".join("" if one is None else limit(one) for one in (low, high))
+        value = estimate(self.value, self.sigma, self.unit)
+        return f"{self.tolerance.name}: {value} ({limits}): {self.verdict}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Inspection(Noted, Frozen):
+class Inspection(Noted, Plotted, Frozen):
     """A part that was measured and judged."""
 
     checks: tuple[Check, ...]
@@ -85,6 +94,13 @@ class Inspection(Noted, Frozen):
     """What was found in the capture."""
     seconds: float
     """Time that it took."""
+    recipe: Recipe = field(default_factory=Recipe)
+    """The recipe: its areas, tolerances and risk."""
+
+    @property
+    def provenance(self) -> Provenance | None:
+        """How the surface was made."""
+        return self.surface.provenance
 
     @property
     def verdict(self) -> Verdict:
@@ -131,7 +147,7 @@ def inspect(
         )
     with found_before(findings):
         checks = judge_part(surface, recipe)
-    return Inspection(checks, surface, findings, time.perf_counter() - started)
+    return Inspection(checks, surface, findings, time.perf_counter() - started, recipe)
 
 
 def judge_part(surface: HeightMap | PointCloud, recipe: Recipe) -> tuple[Check, ...]:
@@ -210,16 +226,44 @@ def _checked(tolerance: PartTolerance, points: Callable[[str], AreaPoints], risk
     except InputError as problem:
         return Check(tolerance, np.nan, np.nan, "", "undecided", str(problem))
     verdict = decide(found, tolerance, risk)
-    why = _why_undecided(found, risk) if verdict == "undecided" else ""
+    why = ""
+    if verdict == "fail":
+        why = _why_failed(found, tolerance)
+    elif verdict == "undecided":
+        why = _why_undecided(found, tolerance, risk)
     return Check(tolerance, found.value, found.sigma, found.unit, verdict, why)
 
 
-def _why_undecided(found: Quantified, risk: float) -> str:
-    guard = NormalDist().inv_cdf(1.0 - risk) * found.sigma
-    noise = f", and {found.seen:.5g} with the noise of points" if found.noise else ""
+def _why_failed(found: Quantified, tolerance: PartTolerance) -> str:
+    """Which limit is broken, and by how much."""
+    low, high = tolerance.low, tolerance.high
+    above = high is not None and found.value > high
+    broken = high if above else low
+    assert broken is not None
+    value = found.value if above else found.seen
+    far = number(abs(value - broken), found.sigma, found.unit)
     return (
-        f"{found.value:.5g} {found.unit} lies within {guard:.2g} of a limit{noise}: reduce the "
-        "uncertainty, or widen the limits"
+        f"{number(value, found.sigma, found.unit)} is {far} {'above' if above else 'below'} the "
+        f"{'largest' if above else 'smallest'} allowed {limit(broken)}"
+    )
+
+
+def _why_undecided(found: Quantified, tolerance: PartTolerance, risk: float) -> str:
+    guard = NormalDist().inv_cdf(1.0 - risk) * found.sigma
+    keeps = tolerance.high is not None and found.value <= tolerance.high - guard
+    if keeps and found.noise and (tolerance.low is None or found.value >= tolerance.low + guard):
+        seen = number(found.seen, found.sigma, found.unit)
+        return (
+            f"{seen} is seen, noise of the points included, and it may explain all that is above "
+            f"{limit(tolerance.high)}: reduce the noise, or widen the limits"
+        )
+    noise = (
+        f", and {number(found.seen, found.sigma)} with the noise of points" if found.noise else ""
+    )
+    return (
+        f"{number(found.value, found.sigma, found.unit)} lies within "
+        f"{number(guard, found.sigma)} of a limit{noise}: reduce the uncertainty, or widen the "
+        "limits"
     )
 
 
@@ -245,6 +289,57 @@ def _measured(
             'rig = "rig.toml" to it'
         )
     return measure(found, _triangulator(rig_of(recipe)), **recipe.options).points
+
+
+def judge_deviation(
+    found: Deviation, rig: Rig | None = None, *, risk: float = USUAL_RISK
+) -> Check | None:
+    """Judge whether a part lies within its tolerance about the model, without the farthest 0.3 %.
+
+    Parameters
+    ----------
+    found : Deviation
+    rig : Rig, optional
+        The rig that it was computed with.
+    risk : float
+        Probability of a wrong decision.
+
+    Returns
+    -------
+    Check of the largest deviation, or of a dent or bump that surely breaks the tolerance; None
+    without a tolerance, and for points that no camera orders or that have no σ.
+    """
+    cloud, tolerance = found.part, found.tolerance_mm
+    ok = found.reason == Reason.OK
+    known = isinstance(cloud, PointCloud) and bool(np.isfinite(found.sigma_mm[ok]).all())
+    if tolerance is None or not known:
+        return None
+    one = PartTolerance("deviation", "deviation_max", ("part",), None, tolerance, 0.0)
+    guard = NormalDist().inv_cdf(1.0 - risk)
+    for spot in find_spots(found):
+        size = abs(spot.depth_mm)
+        if size - guard * spot.sigma_mm > tolerance:
+            where = ", ".join(number(float(v), SPOT_PLACE_MM) for v in spot.place_mm)
+            kind = "dent" if spot.depth_mm < 0 else "bump"
+            why = f"a {kind} of {number(size, spot.sigma_mm, 'mm')} at ({where}) mm of the model"
+            return Check(one, size, spot.sigma_mm, "mm", "fail", why)
+    return _checked(one, lambda _: area_deviation(found, Area(mask=sealed(ok)), rig), risk)
+
+
+def recipe_hash(recipe: Recipe) -> str:
+    """Return the hash of what a recipe asks for, its model's content included and its rig left out.
+
+    Raises
+    ------
+    FileProblem for a model's file that cannot be read.
+    """
+    model = recipe.model
+    told: tuple[Any, ...] = ()
+    if model is not None:
+        mesh = model.mesh
+        content = fingerprint(mesh) if isinstance(mesh, TriangleMesh) else source_of(mesh).sha256
+        told = (content, model.align, model.reach_mm)
+    return fingerprint((replace(recipe, rig=None, model=None), told))
 
 
 def rig_of(recipe: Recipe) -> Rig:

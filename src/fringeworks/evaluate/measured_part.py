@@ -29,6 +29,7 @@ from fringeworks.types import (
     TriangleMesh,
     Where,
     fingerprint,
+    need_camera_frame,
 )
 from fringeworks.views.registration import SAMPLES
 from fringeworks.views.surface_points import MIN_POINTS, SurfacePoints, surface_points
@@ -130,8 +131,10 @@ class MeasuredPart:
         """Return the points with one rough normal out of the part; σ is that along the ray."""
         n = len(self.xyz_mm)
         unknown = np.zeros(n)
-        # Without normals, the points were seen from the origin.
+        # Without normals, the points were seen from the origin, or from where their camera was.
         out = -self.xyz_mm.mean(axis=0)
+        if self.ray is not None and isinstance(self.surface, PointCloud):
+            out = out if self.surface.placement is None else -self.ray.mean(axis=0)
         if isinstance(self.surface, Points) and self.surface.normals is not None:
             out = np.asarray(self.surface.normals[self.index], np.float64).mean(axis=0)
         return SurfacePoints(
@@ -181,7 +184,11 @@ def measured_part(surface: PointCloud | Points, rig: Rig | None) -> MeasuredPart
     if isinstance(surface, PointCloud):
         index = np.flatnonzero(surface.reason == Reason.OK)
         xyz = surface.xyz_mm.reshape(-1, 3)[index].astype(np.float64)
-        ray: FloatMap | None = xyz / np.linalg.norm(xyz, axis=1, keepdims=True)
+        if rig is not None:
+            need_camera_frame(surface, "the errors of a rig")
+        placement = surface.placement
+        sight = xyz if placement is None else xyz - placement.T_frame_camera[:3, 3]
+        ray: FloatMap | None = sight / np.linalg.norm(sight, axis=1, keepdims=True)
         sigma: FloatMap | None = surface.sigma_mm.ravel()[index].astype(np.float64)
         noise: FloatMap | None = surface.noise_mm.ravel()[index].astype(np.float64)
         reason = np.asarray(surface.reason)

@@ -15,6 +15,7 @@ from fringeworks.evaluate.deviation import Deviation
 from fringeworks.surface.form import DISCARDED, Form, fit_region
 from fringeworks.surface.form_geometry import BodyKind
 from fringeworks.types import Area, FloatMap, InputError, PointCloud, Reason, Rig
+from fringeworks.types.numbers import percent
 
 REPEATED = 8
 """Number of times that noise is added: its mean effect is then known to a third of its scatter."""
@@ -199,7 +200,7 @@ def area_deviation(found: Deviation, area: Area, rig: Rig | None) -> AreaDeviati
     beyond = float(np.mean(found.reason[pixels] == Reason.OUTSIDE))
     if beyond > DISCARDED:
         raise InputError(
-            f"deviation: expected points within reach of the model, got {beyond:.1%} that lie "
+            f"deviation: expected points within reach of the model, got {percent(beyond)} that lie "
             "farther away; give a larger reach, or another area"
         )
     cloud = replace(found.part, reason=found.reason)
@@ -420,8 +421,8 @@ def volume(part: AreaPoints, base: AreaPoints) -> Quantified:
     share = float(measured.sum()) / part.wanted
     if share < LEAST_SHARE_OF_VOLUME:
         raise InputError(
-            f"volume: expected {LEAST_SHARE_OF_VOLUME:.0%} of the area to be measured, got "
-            f"{share:.1%}"
+            f"volume: expected {percent(LEAST_SHARE_OF_VOLUME)} of the area to be measured, got "
+            f"{percent(share)}"
         )
     pieces = np.where(measured, pieces, 0.0)
     follows = (pieces @ plane.at(part.points)) @ plane.inverse

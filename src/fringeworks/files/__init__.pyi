@@ -54,6 +54,10 @@ from .multi_rig import (
     read_multi_rig as read_multi_rig,
     write_multi_rig as write_multi_rig,
 )
+from .robot_poses import (
+    parse_robot_pose as parse_robot_pose,
+    read_robot_poses as read_robot_poses,
+)
 from .rig import (
     read_rig as read_rig,
     write_rig as write_rig,

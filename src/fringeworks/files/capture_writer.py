@@ -16,7 +16,7 @@ from fringeworks.files.description import Field, Section
 from fringeworks.files.folder import FolderInUse, FolderWriter, foreign_names, replacing_folder
 from fringeworks.files.images import holds_counts, read_frame, write_frame
 from fringeworks.files.limits import is_file
-from fringeworks.files.pair import CAPTURE_FILE, DevicesSection
+from fringeworks.files.pair import CAPTURE_FILE, DevicesSection, refuse_over_taken
 from fringeworks.files.plan import PLAN_FILE, format_plan, frame_names
 from fringeworks.files.toml import read_toml
 from fringeworks.patterns.plan import PatternPlan
@@ -155,13 +155,16 @@ def writing_capture(
     Raises
     ------
     FramesContradictPlan at the end, where frames are missing; FileProblem where the folder cannot
-    be written to, or there is nothing to resume.
+    be written to, there is nothing to resume, or the frames of devices would be replaced by those
+    of none.
     """
     stems = frame_names(plan, "")
     content = _description(camera, projector, settings, averaged, saturation)
     if white_balance is not None:
         content = {"white_balance": list(check_gains(white_balance)), **content}
     kept = _kept(Path(folder), content, plan, stems) if resume else ()
+    if not (resume or force):
+        refuse_over_taken(folder, camera, projector)
     index = (CAPTURE_FILE, PLAN_FILE)
     with replacing_folder(folder, "capture", index=index, force=force, kept=kept) as writer:
         if not kept:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fringeworks.files.apart import read_apart
 from fringeworks.files.limits import existing_file, max_bytes, parsing
+from fringeworks.files.placement import PLACEMENT, placement_as_dict
 from fringeworks.files.point_table import LENGTHS, PointTable, fields_of
 from fringeworks.types import FileProblem, MissingPackage, Reason
 
@@ -81,6 +82,8 @@ def write_e57(path: Path, table: PointTable) -> None:
     points = np.concatenate(list(table.parts(exact=True)))
     columns = _columns(points)
     details: dict[str, Any] = {"shape": table.shape, "findings": table.findings}
+    if table.placement is not None:
+        details[PLACEMENT] = placement_as_dict(table.placement)
     details["provenance"] = None if table.provenance is None else table.provenance.as_dict()
     try:
         file = lib.ImageFile(str(path), "w")

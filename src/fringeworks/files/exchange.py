@@ -112,6 +112,8 @@ def _cloud(
     cloud: PointCloud,
 ) -> tuple[dict[str, Variable], dict[str, Variable], dict[str, Any]]:
     place = "place in camera coordinates: x right, y down, z away from the camera"
+    if cloud.placement is not None:
+        place = f"place in coordinates of {cloud.frame}"
     variables: dict[str, Variable] = {
         "xyz_mm": ((*PIXELS, "axis"), cloud.xyz_mm, {"units": "mm", "long_name": place}),
         "sigma_mm": _map(cloud.sigma_mm, "mm", "standard deviation along the camera's ray"),

@@ -116,6 +116,11 @@ def format_opencv(rig: Rig, suffix: str) -> str:
                 f"rig: its {name} has a field, which a file of OpenCV cannot hold, and points "
                 "would be wrong without it; write a .toml file"
             )
+    if rig.robot is not None:
+        raise InputError(
+            "rig: it says where the camera is on a robot, which a file of OpenCV cannot hold; "
+            "write a .toml file"
+        )
     kind = cv2.FILE_STORAGE_FORMAT_XML if suffix == ".xml" else cv2.FILE_STORAGE_FORMAT_YAML
     storage = cv2.FileStorage("", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | kind)
     for name, device in (("camera", rig.camera), ("projector", rig.projector)):

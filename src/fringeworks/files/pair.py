@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath, write_text
 from fringeworks.files.description import Section
-from fringeworks.files.folder import incomplete, replacing_folder
+from fringeworks.files.folder import FolderInUse, incomplete, replacing_folder
 from fringeworks.files.images import holds_counts, read_frame, read_frames, write_frame
 from fringeworks.files.limits import inside, is_file, parsing
 from fringeworks.files.mat import read_mat
@@ -231,6 +232,33 @@ def _from_arrays(path: Path, arrays: dict[str, Any], reference: str, object: str
     )
 
 
+def refuse_over_taken(folder: StrPath, *devices: str | None) -> None:
+    """Refuse to replace frames that devices took by frames that none took, as simulated ones.
+
+    Parameters
+    ----------
+    folder : path
+    *devices : str or None
+        Names of the camera and the projector that took the new frames, where they are known.
+
+    Raises
+    ------
+    FolderInUse for a folder whose ``capture.toml`` names a device, where no new one is named.
+    """
+    path = Path(folder) / CAPTURE_FILE
+    if any(devices) or not is_file(path):
+        return
+    try:
+        taken = bool(tomllib.loads(path.read_text("utf-8")).get("devices"))
+    except (OSError, ValueError):
+        return
+    if taken:
+        raise FolderInUse(
+            f"{folder}: expected a new folder, got one with frames that a camera took, which would "
+            "be lost"
+        )
+
+
 def write_pair(folder: StrPath, pair: Pair, *, force: bool = False) -> Path:
     """Write a pair as a folder of images with ``capture.toml``.
 
@@ -249,8 +277,11 @@ def write_pair(folder: StrPath, pair: Pair, *, force: bool = False) -> Path:
 
     Raises
     ------
-    FileProblem where the folder holds other things or cannot be written to.
+    FileProblem where the folder holds other things or cannot be written to, and where the frames
+    of devices would be replaced by a pair that names none.
     """
+    if not force:
+        refuse_over_taken(folder, pair.camera, pair.projector)
     with replacing_folder(folder, "capture", index=(CAPTURE_FILE,), force=force) as writer:
         frames: dict[str, str | float] = {}
         content: dict[str, Any] = {"kind": "pair"} | ({"axis": pair.axis} if pair.axis else {})

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks._lazy import scipy
 from fringeworks.files.limits import check_bytes, parsing, read_content, told
 from fringeworks.files.lzf import decompressed
 from fringeworks.files.point_table import COLOURS
@@ -34,6 +35,7 @@ def write_pcd(
     points: Iterable[NDArray[Any]],
     shape: tuple[int, int],
     comments: Sequence[str],
+    place: NDArray[Any] | None = None,
 ) -> None:
     """Write a binary PCD file.
 
@@ -46,6 +48,8 @@ def write_pcd(
         Of the frame whose pixels the points are; one row for others.
     comments : sequence of str
         Lines of the header, ASCII.
+    place : (4, 4) array, optional
+        Where the camera is in the coordinates of the points, mm; by default they are its own.
     """
     parts = map(_packed, points)
     first = next(parts)
@@ -60,7 +64,7 @@ def write_pcd(
         f"COUNT {' '.join('1' for _ in fields)}",
         f"WIDTH {columns}",
         f"HEIGHT {rows}",
-        "VIEWPOINT 0 0 0 1 0 0 0",
+        f"VIEWPOINT {_viewpoint(place)}",
         f"POINTS {rows * columns}",
         "DATA binary",
     ]
@@ -68,6 +72,14 @@ def write_pcd(
         file.write(("\n".join(header) + "\n").encode("ascii"))
         for part in chain([first], parts):
             file.write(part.data.cast("B"))
+
+
+def _viewpoint(place: NDArray[Any] | None) -> str:
+    """Place and turn of the camera as the format has them: x, y, z, and a quaternion, w first."""
+    if place is None:
+        return "0 0 0 1 0 0 0"
+    turn = scipy.spatial.transform.Rotation.from_matrix(place[:3, :3]).as_quat(scalar_first=True)
+    return " ".join(f"{value:.9g}" for value in (*place[:3, 3], *turn))
 
 
 def _packed(points: NDArray[Any]) -> NDArray[Any]:

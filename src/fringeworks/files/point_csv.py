@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.files.csv_table import REASONS, CsvTable, write_csv
+from fringeworks.files.placement import PLACEMENT, placement_as_dict
 from fringeworks.files.point_table import COLOURS, LENGTHS, NORMAL_AXES, PointTable, fields_of
 from fringeworks.types import FileProblem
 
@@ -48,6 +49,8 @@ def write_point_csv(path: Path, table: PointTable) -> None:
         details["shape"] = list(table.shape)
     details |= {} if origin is None else {"provenance": origin.as_dict()}
     details |= {"findings": table.findings} if table.findings else {}
+    if table.placement is not None:
+        details[PLACEMENT] = placement_as_dict(table.placement)
     write_csv(path, POINTS, details, map(_columns, table.parts("f4", exact=True)))
 
 

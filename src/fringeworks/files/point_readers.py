@@ -13,6 +13,7 @@ from fringeworks.files.csv_table import CSV, read_csv
 from fringeworks.files.findings import finding_from_dict
 from fringeworks.files.limits import check_bytes, check_frame_size, parsing
 from fringeworks.files.pcd import read_pcd
+from fringeworks.files.placement import PLACEMENT, placement_from, placement_of_comments
 from fringeworks.files.ply import read_ply
 from fringeworks.files.point_csv import POINTS, points_of_csv
 from fringeworks.files.point_table import COLOURS, fields_of
@@ -21,6 +22,7 @@ from fringeworks.types import (
     FileProblem,
     Finding,
     InputError,
+    Placement,
     PointCloud,
     Provenance,
     Reason,
@@ -40,6 +42,8 @@ class TableRead(NamedTuple):
     shape: tuple[int, int] | None = None
     """Rows and columns, where the table is a whole frame."""
     findings: tuple[Finding, ...] = ()
+    placement: Placement | None = None
+    """Coordinates other than the camera's."""
 
 
 def check_unit(path: Path, comments: Iterable[str]) -> None:
@@ -61,7 +65,9 @@ def _read_ply(path: Path) -> TableRead:
 
 def _read_pcd(path: Path) -> TableRead:
     found = read_pcd(path)
-    return TableRead(found.table, from_comments(found.comments), found.shape)
+    with parsing(path, "points"):
+        placement = placement_of_comments(found.comments)
+    return TableRead(found.table, from_comments(found.comments), found.shape, placement=placement)
 
 
 def _read_csv(path: Path) -> TableRead:
@@ -99,7 +105,8 @@ def _told(
         check_frame_size(columns, rows)
         shape = (rows, columns)
     found = tuple(map(finding_from_dict, details.get("findings", ())))
-    return TableRead(table, origin, shape, (*found, *notes))
+    placement = placement_from(details.get(PLACEMENT))
+    return TableRead(table, origin, shape, (*found, *notes), placement)
 
 
 TABLE_READERS: dict[str, Callable[[Path], TableRead]] = {
@@ -164,6 +171,7 @@ def cloud_of(read: TableRead) -> PointCloud:
         colour=colour,
         provenance=read.provenance,
         findings=read.findings,
+        placement=read.placement,
         **optional,
     )
 

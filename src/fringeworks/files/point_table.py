@@ -13,7 +13,15 @@ from fringeworks import _core
 from fringeworks.files.findings import findings_as_dicts
 from fringeworks.files.white import WHITE, as_numbers, white_of
 from fringeworks.surface.cloud import normals
-from fringeworks.types import BoolMap, FloatMap, PointCloud, Points, Provenance, Reason
+from fringeworks.types import (
+    BoolMap,
+    FloatMap,
+    Placement,
+    PointCloud,
+    Points,
+    Provenance,
+    Reason,
+)
 
 Kind = Literal["points", "normals", "mesh", "frame"]
 """What a file holds: points, points with normals, triangles, or all pixels of the frame."""
@@ -39,6 +47,8 @@ class PointTable:
 
     thing: PointCloud | Points
     kind: Kind = "points"
+    organised: bool = False
+    """Whether a cloud has a row for every pixel, in their order; NaN where nothing was measured."""
 
     @property
     def provenance(self) -> Provenance | None:
@@ -53,12 +63,24 @@ class PointTable:
     @property
     def coordinates(self) -> str:
         """In which coordinates they are."""
-        return CAMERA if isinstance(self.thing, PointCloud) else PART
+        if not isinstance(self.thing, PointCloud):
+            return PART
+        return CAMERA if self.thing.placement is None else f"coordinates of {self.frame}"
+
+    @property
+    def frame(self) -> str:
+        """Name of the coordinates."""
+        return self.thing.frame if isinstance(self.thing, PointCloud) else "part"
+
+    @property
+    def placement(self) -> Placement | None:
+        """How points came from camera coordinates to others."""
+        return self.thing.placement if isinstance(self.thing, PointCloud) else None
 
     @property
     def shape(self) -> tuple[int, int] | None:
         """Rows and columns of the frame; None where the table is not a whole frame."""
-        whole = self.kind == "frame" and isinstance(self.thing, PointCloud)
+        whole = (self.kind == "frame" or self.organised) and isinstance(self.thing, PointCloud)
         return self.thing.shape if whole and isinstance(self.thing, PointCloud) else None
 
     @property
@@ -72,7 +94,7 @@ class PointTable:
     def _wanted(self) -> BoolMap:
         if not isinstance(self.thing, PointCloud):
             raise TypeError("points without a frame have no pixels")
-        every = self.kind == "frame"
+        every = self.kind == "frame" or self.organised
         return np.ones(self.thing.shape, bool) if every else self.thing.reason == Reason.OK
 
     @property
@@ -113,6 +135,7 @@ class PointTable:
         cloud, wanted = self.thing, self._wanted
         turned = normals(cloud) if self.kind == "normals" else None
         plain = colour == "u1" and not exact and self.kind in ("points", "mesh")
+        plain = plain and not self.organised
         if plain and all(m is None or m.dtype == np.float32 for m in _maps(cloud, white)):
             yield from _packed(cloud, white)
             return
@@ -121,7 +144,11 @@ class PointTable:
             here = wanted[band]
             columns = _columns_of_band(cloud, turned, band, here, whole=self.kind == "frame")
             seen = None if cloud.colour is None else np.asarray(cloud.colour)[band][here]
-            yield _rows(columns, seen, white, types)
+            rows = _rows(columns, seen, white, types)
+            if self.organised:
+                for name in ("x", "y", "z"):
+                    rows[name][cloud.reason[band][here] != Reason.OK] = np.nan
+            yield rows
 
 
 def _maps(cloud: PointCloud, white: float | None) -> tuple[FloatMap | None, ...]:

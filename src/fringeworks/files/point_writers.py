@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,12 @@ from numpy.typing import NDArray
 
 from fringeworks.files.csv_table import CSV
 from fringeworks.files.pcd import write_pcd
+from fringeworks.files.placement import placement_lines
 from fringeworks.files.ply import write_ply
 from fringeworks.files.point_table import Kind, PointTable, fields_of
 from fringeworks.files.provenance import comment_lines
 from fringeworks.files.ros import write_point_bag
-from fringeworks.types import InputError
+from fringeworks.types import InputError, PointCloud, today
 
 KINDS: dict[str, tuple[Kind, ...]] = {
     ".ply": ("points", "normals", "mesh"),
@@ -24,7 +26,7 @@ KINDS: dict[str, tuple[Kind, ...]] = {
     ".e57": ("points", "normals", "frame"),
     ".las": ("points", "normals"),
     ".laz": ("points", "normals"),
-    ".mcap": ("points", "normals"),
+    ".mcap": ("points", "normals", "frame"),
     ".xyz": ("points",),
 }
 """What files hold, by suffix; others hold all arrays of a cloud, whatever is asked for."""
@@ -59,25 +61,36 @@ def write_table_as_ply(
     path: Path, table: PointTable, faces: NDArray[np.int32] | None = None
 ) -> None:
     """Write points, or a mesh, as PLY."""
-    comments = [f"fringeworks; {table.coordinates}; unit mm", *comment_lines(table.provenance)]
+    comments = [f"fringeworks; {table.coordinates}; unit mm", *_comments(table)]
     write_ply(path, table.parts(), table.count, faces, comments)
 
 
 def _write_pcd(path: Path, table: PointTable) -> None:
-    comments = ["fringeworks; unit mm", *comment_lines(table.provenance)]
-    write_pcd(path, table.parts(), table.shape or (1, table.count), comments)
+    # Viewers and filters of the Point Cloud Library expect the neighbours of a pixel beside it.
+    table = replace(table, organised=isinstance(table.thing, PointCloud))
+    comments = [f"fringeworks; {table.coordinates}; unit mm", *_comments(table)]
+    place = None if table.placement is None else table.placement.T_frame_camera
+    write_pcd(path, table.parts(), table.shape or (1, table.count), comments, place)
+
+
+def _comments(table: PointTable) -> list[str]:
+    """Coordinates that are not the camera's, and the provenance, as lines of a header."""
+    return [*placement_lines(table.placement), *comment_lines(table.provenance)]
 
 
 def _write_xyz(path: Path, table: PointTable) -> None:
     parts = list(table.parts(exact=True))
     names = [name for name in ("x", "y", "z", "sigma") if name in fields_of(parts[0])]
     columns = [np.concatenate([part[name] for part in parts]) for name in names]
-    header = [" ".join(f"{name}_mm" for name in names), *comment_lines(table.provenance)]
+    header = [" ".join(f"{name}_mm" for name in names), *_comments(table)]
     np.savetxt(path, np.column_stack(columns), fmt="%.5f", header="\n".join(header))
 
 
 def _write_mcap(path: Path, table: PointTable) -> None:
-    write_point_bag(path, np.concatenate(list(table.parts())))
+    table = replace(table, organised=isinstance(table.thing, PointCloud))
+    date = table.provenance.date if table.provenance is not None else ""
+    points = np.concatenate(list(table.parts()))
+    write_point_bag(path, points, table.shape or (1, table.count), table.frame, date or today())
 
 
 def _write_csv(path: Path, table: PointTable) -> None:

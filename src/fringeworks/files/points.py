@@ -26,6 +26,7 @@ from fringeworks.files.npz import (
     read_npz,
     write_members,
 )
+from fringeworks.files.placement import PLACEMENT, placement_from_json, placement_json
 from fringeworks.files.point_readers import (
     FRAMES,
     IN_PX,
@@ -66,6 +67,7 @@ CLOUD = Archive(
         "residual_px": Entry("?f hw", lambda v: v),
         "colour": Entry(f"?{NUMBERS} hw|hw3", lambda v: v),
         "blur_mm": Entry("?f hw", lambda v: v),
+        PLACEMENT: Entry(f"?{TEXT}", placement_json, lambda text: placement_from_json(str(text))),
         KEY: ORIGIN,
         "findings": replace(FINDINGS, layout=f"?{TEXT}"),
     },
@@ -86,12 +88,13 @@ def write_points(path: StrPath, cloud: PointCloud, *, kind: Kind = "points") -> 
         everything, organised as the frame is; ``.mat`` the same arrays for MATLAB, with the names
         of the reasons from 0 on; ``.pcd`` what PLY points have, for the Point Cloud Library;
         ``.csv`` the same as a table, colours in counts; ``.e57``, ``.las`` and ``.laz`` the same
-        in metres; ``.mcap`` as a ROS 2 bag with one PointCloud2, in metres.
+        in metres; ``.mcap`` as a ROS 2 bag with one PointCloud2, in metres. Points of PCD and
+        MCAP are organised as the frame is, NaN where nothing was measured.
     cloud : PointCloud
     kind : "points", "normals", "mesh" or "frame"
         Content of the file: points alone, with their normals, connected by triangles, which PLY
         alone can hold, or all pixels of the frame with their rows, columns and reasons, which
-        PCD, CSV and E57 can hold. NPZ and MAT hold the frame in any case.
+        PCD, CSV and E57 can hold. NPZ, MAT and MCAP hold the frame in any case.
 
     Raises
     ------
@@ -127,6 +130,9 @@ def _write_mat(path: Path, cloud: PointCloud) -> None:
         for name in ("xyz_mm", "sigma_mm", "noise_mm", "reason", "residual_px", "colour", "blur_mm")
         if (value := getattr(cloud, name)) is not None
     }
+    arrays["frame"] = cloud.frame
+    if cloud.placement is not None:
+        arrays["T_frame_camera"] = cloud.placement.T_frame_camera
     arrays["reasons"] = np.array([reason.name.lower() for reason in Reason], object)
     if cloud.provenance is not None:
         arrays[KEY] = str(json_line(cloud.provenance))

@@ -62,6 +62,8 @@ class _Tolerance(Section):
     areas: list[str] = Field(min_length=1, max_length=2)
     min: float | None = None
     max: float | None = None
+    nominal: float | None = None
+    """Value of the drawing, for reports."""
 
 
 PointPairs = list[tuple[float, float, float, float, float, float]]
@@ -174,7 +176,9 @@ def read_recipe(path: StrPath) -> Recipe:
             model=None if content.model is None else _part_model(path, content.model, areas),
             within=content.within,
             tolerances=tuple(
-                PartTolerance(one.name, one.quantity, tuple(one.areas), one.min, one.max)
+                PartTolerance(
+                    one.name, one.quantity, tuple(one.areas), one.min, one.max, one.nominal
+                )
                 for one in content.tolerances
             ),
             risk=content.risk,
@@ -344,7 +348,7 @@ def _tolerance_table(one: PartTolerance) -> dict[str, Any]:
         "quantity": one.quantity,
         "areas": list(one.areas),
     }
-    limits = {"min": one.low, "max": one.high}
+    limits = {"min": one.low, "max": one.high, "nominal": one.nominal}
     return table | {key: value for key, value in limits.items() if value is not None}
 
 

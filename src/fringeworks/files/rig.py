@@ -28,10 +28,14 @@ from fringeworks.types import (
     Provenance,
     Region,
     Rig,
+    RobotFrame,
+    RobotNoise,
 )
 
 TOML_SUFFIX = ".toml"
 """Our own rig files."""
+ROBOT_PARAMETERS = RIG_PARAMETERS[-6:]
+"""Parameters of the covariance of a camera's place on a robot: rotation (rad), translation (mm)."""
 FIELD_DIGITS = 9
 """Decimals of a field's values, px: far below what corners show."""
 HEADER = """\
@@ -42,6 +46,8 @@ HEADER = """\
 # their axes) and mm, and their correlation matrix.
 # [camera.field], [projector.field]: what is subtracted from a measured pixel before the lens model,
 # px: control points of cubic B-splines over the frame, row by row, and their standard deviations.
+# [robot]: the camera on a robot's flange (mount hand) or beside it (mount base), with standard
+# deviations in rad and mm, about the axes of flange or base, and the noise of the robot's poses.
 # [blur]: variance of the camera's blur by place and distance (docs/rig.md).
 """
 """Comment at the top of a rig file."""
@@ -115,6 +121,43 @@ class BlurSection(Section):
     relative_sigma: float
 
 
+class RobotNoiseSection(Section):
+    """``[robot.noise]``: fields of ``RobotNoise``."""
+
+    translation_mm: float = Field(ge=0)
+    rotation_deg: float = Field(ge=0)
+
+
+class RobotSection(Section):
+    """``[robot]``: fields of ``RobotFrame``, with the transform by its name."""
+
+    mount: Literal["hand", "base"]
+    poses_as: str = ""
+    T_flange_camera: PoseSection | None = None
+    """With the camera in the hand."""
+    T_base_camera: PoseSection | None = None
+    """With the camera beside the robot."""
+    uncertainty: UncertaintySection | None = None
+    noise: RobotNoiseSection | None = None
+
+    def as_frame(self) -> RobotFrame:
+        """The camera's place that the table describes."""
+        both = {"hand": self.T_flange_camera, "base": self.T_base_camera}
+        given = both[self.mount]
+        other = both["base" if self.mount == "hand" else "hand"]
+        name = "T_flange_camera" if self.mount == "hand" else "T_base_camera"
+        if given is None or other is not None:
+            raise InputError(f"robot: expected {name} alone for the mount {self.mount}")
+        u, noise = self.uncertainty, self.noise
+        return RobotFrame(
+            self.mount,
+            transform_of(given),
+            None if u is None else covariance_of(u, ROBOT_PARAMETERS),
+            None if noise is None else RobotNoise(noise.translation_mm, noise.rotation_deg),
+            self.poses_as,
+        )
+
+
 class RigFile(Section):
     """The whole of a rig file; unknown keys are refused."""
 
@@ -124,6 +167,7 @@ class RigFile(Section):
     T_projector_camera: PoseSection
     uncertainty: UncertaintySection | None = None
     blur: BlurSection | None = None
+    robot: RobotSection | None = None
     provenance: ProvenanceSection | None = None
 
 
@@ -135,7 +179,7 @@ def write_rig(path: StrPath, rig: Rig) -> Path:
     Raises
     ------
     FileProblem for another suffix, and where the folder cannot be written to. InputError for a rig
-    with a field in a file of OpenCV, which cannot hold it.
+    with a field, or on a robot, in a file of OpenCV, which cannot hold it.
     """
     path = Path(path)
     FORMATS["rig"].check(path)
@@ -227,7 +271,25 @@ def format_rig(rig: Rig) -> str:
             "depth_mm": _floats(rig.blur.depth_mm),
             "relative_sigma": float(rig.blur.relative_sigma),
         }
+    if rig.robot is not None:
+        content["robot"] = _robot_section(rig.robot)
     return toml_text(HEADER, content, rig.provenance)
+
+
+def _robot_section(robot: RobotFrame) -> dict[str, Any]:
+    """The camera's place on a robot as a table of a rig file."""
+    section: dict[str, Any] = {"mount": robot.mount}
+    if robot.poses_as:
+        section["poses_as"] = robot.poses_as
+    section[robot.name] = pose_section(robot.T_mount_camera)
+    if robot.covariance is not None:
+        section["uncertainty"] = uncertainty_section(robot.covariance, ROBOT_PARAMETERS)
+    if robot.noise is not None:
+        section["noise"] = {
+            "translation_mm": float(robot.noise.translation_mm),
+            "rotation_deg": float(robot.noise.rotation_deg),
+        }
+    return section
 
 
 def device_section(device: Pinhole, residual_px: float | None) -> dict[str, Any]:
@@ -311,6 +373,7 @@ def _from_toml(content: RigFile) -> Rig:
         0.0 if content.uncertainty is None else content.uncertainty.structure_px,
         None if content.blur is None else CameraBlur(**content.blur.as_dict()),
         None if content.camera.region is None else Region(*content.camera.region),
+        None if content.robot is None else content.robot.as_frame(),
     )
 
 

@@ -30,6 +30,7 @@ from fringeworks.types import (
     fingerprint,
     found_before,
     made_by,
+    need_camera_frame,
     numbered,
 )
 from fringeworks.types.packages import need_opencv
@@ -157,6 +158,8 @@ def merge(
         need_opencv("a board among the views")
     clouds = [v if isinstance(v, PointCloud) else read_cloud(v) for v in views]
     board = parse_board(board) if isinstance(board, str) else board
+    for cloud in clouds:
+        need_camera_frame(cloud, "merging")
     _check(len(clouds), poses, board, step_deg, axis)
     progress("poses …")
     with found_before(numbered("view", clouds)):

@@ -74,7 +74,7 @@ DRAWING: Any = {
     "path.simplify": False,
     "path.sketch": None,
     "text.usetex": False,
-    "pdf.fonttype": 3,
+    "pdf.fonttype": 42,
     "pdf.use14corefonts": False,
     "svg.fonttype": "path",
     "svg.hashsalt": "fringeworks",

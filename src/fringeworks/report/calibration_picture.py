@@ -6,11 +6,11 @@ import numpy as np
 
 from fringeworks.report.drawing import Axes
 from fringeworks.report.maps import SMALL_INCH, Picture, small_print
-from fringeworks.report.sheets import percent
 from fringeworks.rig.calibration.calibrate import Calibration
 from fringeworks.rig.calibration.diagnosis import coverage, diagnose, pose_figures
 from fringeworks.rig.calibration.verdict import verdict
 from fringeworks.types import BoolMap, FloatMap
+from fringeworks.types.numbers import percent
 
 SIZE_INCH = (13.0, 9.2)
 """Width and height of the picture without its small print, inches."""

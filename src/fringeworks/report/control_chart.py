@@ -6,39 +6,25 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fringeworks.report.drawing import Figure
+from fringeworks.evaluate.capability import CONTROL_SIGMAS, control_limits
+from fringeworks.report.drawing import Axes, Figure
+from fringeworks.report.verdicts import COVERAGE, VERDICT_COLOURS, VERDICT_MARKS
 from fringeworks.types import FloatMap
+from fringeworks.types.numbers import limit as limit_text
+from fringeworks.types.numbers import number as number_text
 
-SIZE_INCH = (9.0, 3.4)
+SIZE_INCH = (9.6, 2.9)
 """Width and height of a chart, inches."""
-COLOURS = {"pass": "#0072b2", "fail": "#d55e00", "undecided": "#e69f00"}
-"""Colours of the verdicts, told apart by eyes that confuse red and green."""
-MARKS = {"pass": "o", "fail": "X", "undecided": "D"}
-"""Marks of the verdicts."""
-BAND_SIGMAS = 2.0
-"""Half length of a bar, standard deviations of a value."""
-RANGE_TO_SIGMA = 1.128
-"""Mean difference of neighbours over their standard deviation, for normal numbers (d₂ of two)."""
-CONTROL_SIGMAS = 3.0
-"""Distance of the control limits from the mean, standard deviations of the process."""
+PROCESS = "#009e73"
+"""Colour of mean and control limits: green, which no verdict has."""
 MOST_BARS = 300
 """Parts whose bars are drawn; more would hide the values."""
-
-
-def control_limits(values: FloatMap) -> tuple[float, float, float]:
-    """Return mean and control limits of a process, from the differences of neighbours.
-
-    Notes
-    -----
-    A drift hardly changes the differences, and therefore not the limits: it leaves them (Shewhart's
-    chart of individuals; ISO 7870-2).
-    """
-    known = values[np.isfinite(values)]
-    if known.size < 2:
-        return np.nan, np.nan, np.nan
-    sigma = float(np.mean(np.abs(np.diff(known)))) / RANGE_TO_SIGMA
-    mean = float(known.mean())
-    return mean, mean - CONTROL_SIGMAS * sigma, mean + CONTROL_SIGMAS * sigma
+MOST_NAMES = 26
+"""Names of parts below a chart, which fit beside each other when they stand upright."""
+NAME_LETTERS = 16
+"""Letters of a name that are shown below a chart; its end differs from part to part."""
+ROOM = 0.12
+"""Room above and below the values and limits, share of their range."""
 
 
 def control_chart(
@@ -47,45 +33,86 @@ def control_chart(
     sigma: FloatMap,
     verdicts: Sequence[str],
     limits: tuple[float | None, float | None],
+    *,
+    unit: str = "",
+    names: Sequence[str] = (),
+    order: str = "part",
 ) -> Figure:
     """Draw the values of a quantity in the order of the parts.
 
     Parameters
     ----------
     title : str
-        The quantity and its unit.
+        The quantity.
     values, sigma : (n,) arrays
         NaN where a part was not measured.
     verdicts : n of "pass", "fail", "undecided"
     limits : (smallest, largest)
         The tolerance; None for none.
+    unit : str
+        Of the values.
+    names : n texts
+        Serial numbers of the parts; numbers from 1 without them.
+    order : str
+        What the parts are ordered by.
     """
     figure = Figure(figsize=SIZE_INCH, layout="constrained")
     axes = figure.add_subplot()
-    number = np.arange(1, len(values) + 1)
+    place = np.arange(1, len(values) + 1)
     if len(values) <= MOST_BARS:
-        axes.errorbar(
-            number, values, BAND_SIGMAS * sigma, fmt="none", ecolor="#bbbbbb", elinewidth=1
-        )
-    for verdict, colour in COLOURS.items():
+        axes.errorbar(place, values, COVERAGE * sigma, fmt="none", ecolor="#999999", elinewidth=1)
+    for verdict, colour in VERDICT_COLOURS.items():
         chosen = np.array([one == verdict for one in verdicts]) & np.isfinite(values)
         if chosen.any():
-            label = f"{verdict}: {int(chosen.sum())}"
-            axes.plot(
-                number[chosen], values[chosen], MARKS[verdict], color=colour, ms=4, label=label
-            )
+            label, mark = f"{verdict}: {int(chosen.sum())}", VERDICT_MARKS[verdict]
+            axes.plot(place[chosen], values[chosen], mark, color=colour, ms=4, label=label)
     for limit, name in zip(limits, ("smallest", "largest"), strict=True):
         if limit is not None:
-            axes.axhline(limit, color="black", linewidth=1.4, label=f"{name} allowed {limit:g}")
-    mean, low, high = control_limits(values)
-    if np.isfinite(mean):
-        axes.axhline(mean, color="#009e73", linewidth=1, label=f"mean {mean:.5g}")
-        for limit in (low, high):
-            axes.axhline(limit, color="#009e73", linewidth=1, linestyle="--")
-        axes.plot([], [], "--", color="#009e73", label=f"control limits {low:.5g}, {high:.5g}")
+            label = f"{name} allowed {limit_text(limit)} {unit}".rstrip()
+            axes.axhline(limit, color="black", linewidth=1.4, label=label)
+    _process(axes, values, unit)
+    _span(axes, values, limits)
     axes.set_title(title, fontsize=11)
-    axes.set_xlabel("part")
+    axes.set_ylabel(unit)
+    axes.set_xlabel(order)
+    _name(axes, names or [str(k) for k in place])
     axes.grid(color="#dddddd", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=9)
     return figure
+
+
+def _process(axes: Axes, values: FloatMap, unit: str) -> None:
+    """Mean and control limits."""
+    mean, low, high = control_limits(values)
+    if not np.isfinite(mean):
+        return
+    sigma = (high - low) / (2 * CONTROL_SIGMAS)
+    shown = [number_text(v, sigma) for v in (mean, low, high)]
+    axes.axhline(mean, color=PROCESS, linewidth=1, label=f"mean {shown[0]} {unit}".rstrip())
+    for limit in (low, high):
+        axes.axhline(limit, color=PROCESS, linewidth=1, linestyle="--")
+    label = f"control limits\n{shown[1]} … {shown[2]} {unit}".rstrip()
+    axes.plot([], [], "--", color=PROCESS, label=label)
+
+
+def _span(axes: Axes, values: FloatMap, limits: tuple[float | None, float | None]) -> None:
+    """Show all values and limits; bars may run out of the picture."""
+    known = [*values[np.isfinite(values)], *(v for v in limits if v is not None)]
+    known += [v for v in control_limits(values) if np.isfinite(v)]
+    if known and max(known) > min(known):
+        room = ROOM * (max(known) - min(known))
+        axes.set_ylim(min(known) - room, max(known) + room)
+
+
+def _name(axes: Axes, names: Sequence[str]) -> None:
+    """Names of the parts, or of every k-th one."""
+    every = -(-len(names) // MOST_NAMES)
+    shown = [
+        name if len(name) <= NAME_LETTERS else f"…{name[1 - NAME_LETTERS :]}"
+        for name in names[::every]
+    ]
+    axes.set_xticks(np.arange(1, len(names) + 1, every), shown, rotation=90, fontsize=8)
+    for label in axes.get_xticklabels():
+        label.set_parse_math(False)  # a dollar sign would begin a formula
+    axes.set_xlim(0.2, len(names) + 0.8)

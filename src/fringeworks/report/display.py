@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
 
 
-def plot(result: object, name: str | None = None) -> Figure:
+def plot(result: object, name: str | None = None, *, panel: str = "", title: bool = True) -> Figure:
     """Draw a result as one picture.
 
     Parameters
@@ -23,6 +24,10 @@ def plot(result: object, name: str | None = None) -> Figure:
         Reconstruction, Measurement, MultiMeasurement or SetupTests
     name : str, optional
         Name of the object or capture, put before the title.
+    panel : str
+        Draw this map alone; all by default.
+    title : bool
+        Whether titles and findings are drawn.
 
     Returns
     -------
@@ -30,7 +35,8 @@ def plot(result: object, name: str | None = None) -> Figure:
 
     Raises
     ------
-    InputError for anything else; MissingPackage without the extra ``plots``.
+    InputError for anything else, and a panel that there is not; MissingPackage without the extra
+    ``plots``.
     """
     from fringeworks.report.drawing import need_plots  # Matplotlib, for those only who draw
 
@@ -41,10 +47,29 @@ def plot(result: object, name: str | None = None) -> Figure:
         raise InputError(f"{what}expected a result of fringeworks, got {type(result).__name__}")
     drawn = picture(result, name)
     if not isinstance(drawn, Sheet):
+        if panel or not title:
+            kind = type(result).__name__
+            raise InputError(f"panel: expected a result that is shown as maps, got {kind}")
         return drawn
     from fringeworks.report.maps import draw_sheet
 
-    return draw_sheet(drawn)
+    if panel:
+        drawn = replace(drawn, panels=[drawn.panel(panel)], columns=1)
+    return draw_sheet(drawn if title else drawn.untitled())
+
+
+def maps_of(result: Any) -> Figure:
+    """Draw a result for a report: cropped to what was measured, without what the report says."""
+    picture = kind_of(result).picture
+    drawn = None if picture is None else picture(result, None)
+    if not isinstance(drawn, Sheet):
+        return plot(result)
+    from fringeworks.report.maps import draw_sheet
+    from fringeworks.report.windows import window_of
+
+    reason: Any = getattr(result, "reason", None)
+    window = window_of(reason) if getattr(reason, "ndim", 0) == 2 else None
+    return draw_sheet(replace(drawn, title="", facts="", findings=(), window=window))
 
 
 def show(result: object, *, every: int = 1) -> Path:

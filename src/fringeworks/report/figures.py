@@ -22,11 +22,15 @@ from fringeworks.report.drawing import (
 from fringeworks.report.maps import DPI, draw_map, draw_sheet, limits_of
 from fringeworks.report.sheets import Panel, PanelKind, Sheet
 from fringeworks.types import FloatMap, Provenance
+from fringeworks.types.numbers import number
 
 MAX_SURFACE_POINTS = 160
 """Mesh lines per side in perspective views; more is slow and looks no better."""
 FORMATS = (".png", ".pdf", ".svg")
 """Suffixes of pictures."""
+SETTINGS: Any = {"svg.hashsalt": "fringeworks", "pdf.fonttype": 42, "pdf.use14corefonts": False}
+"""Settings of files: no random names in SVG, and TrueType fonts embedded in PDF (Type 42), as
+publishers ask for."""
 
 
 def check_figure_target(path: StrPath) -> None:
@@ -61,7 +65,7 @@ def save_figure(figure: Figure, path: StrPath, *, provenance: Provenance | None 
         "svg": {"Description": origin, "Date": None},
     }[kind]
     shown = {k: v for k, v in metadata.items() if v is not None or k in ("CreationDate", "Date")}
-    with replacing(path) as temporary, rc_context({"svg.hashsalt": "fringeworks"}):
+    with replacing(path) as temporary, rc_context(SETTINGS):
         figure.savefig(temporary, dpi=DPI, format=kind, metadata=shown)
     return path
 
@@ -194,7 +198,7 @@ def bars(title: str, labels: Sequence[str], series: Mapping[str, Sequence[float]
     for k, (name, values) in enumerate(series.items()):
         position = np.arange(len(labels)) + (k - (len(series) - 1) / 2) * width
         drawn = axes.bar(position, values, width, label=name)
-        axes.bar_label(drawn, labels=[f"{v:.2g}" for v in values], fontsize=8)
+        axes.bar_label(drawn, labels=[number(v, digits=2) for v in values], fontsize=8)
     axes.set_yscale("log")
     axes.set_xticks(np.arange(len(labels)), labels)
     axes.set_ylabel("mm")
@@ -223,7 +227,7 @@ def best_map(title: str, cells: Sequence[Any]) -> Figure:
         r = lines.index(tuple(v for k, v in cell.scene.items() if k != "fringes"))
         c = columns.index(cell.scene["fringes"])
         index[r, c] = names.index(cell.best)
-        axes.text(c, r, f"{cell.error_mm:.2g}", ha="center", va="center", fontsize=7)
+        axes.text(c, r, number(cell.error_mm, digits=2), ha="center", va="center", fontsize=7)
     palette = ListedColormap(["#bfe3c6", *(f"C{k}" for k in range(len(names) - 1))])
     norm = BoundaryNorm(np.arange(len(names) + 1) - 0.5, max(len(names), 1))
     picture = axes.imshow(index, cmap=palette, norm=norm, aspect="auto", alpha=0.75)

@@ -10,8 +10,9 @@ import numpy as np
 
 from fringeworks.report.drawing import Axes, BoundaryNorm, Figure, ListedColormap, Patch
 from fringeworks.report.reason_words import REASON_COLOURS, REASON_WORDS
-from fringeworks.report.sheets import PanelKind, Sheet, percent
+from fringeworks.report.sheets import PanelKind, Sheet
 from fringeworks.types import ByteMap, FloatMap, Reason, reason_counts
+from fringeworks.types.numbers import percent
 
 DPI = 110
 """Dots per inch of a PNG: text of 10 points is then 15 px high, easily read at full size."""
@@ -68,6 +69,8 @@ def draw_sheet(sheet: Sheet) -> Picture:
     lines = -(-len(panels) // columns)
     drawn = [panel for panel in panels if panel is not None]
     rows_, columns_ = drawn[0].values.shape
+    if sheet.window is not None:
+        rows_, columns_ = sheet.window.height, sheet.window.width
     side = MAP_SIDE_INCH[min(columns, max(MAP_SIDE_INCH))]
     scale = side / max(rows_, columns_)
     width = columns * (columns_ * scale + BESIDE_INCH)
@@ -76,7 +79,8 @@ def draw_sheet(sheet: Sheet) -> Picture:
     height += SMALL_INCH * (small.count("\n") + bool(small))
     figure = Picture(figsize=(width, height), layout="compressed")
     title = f"{sheet.title}\n{sheet.facts}" if sheet.facts else sheet.title
-    figure.suptitle(title, fontsize=12)
+    if title:
+        figure.suptitle(title, fontsize=12)
     if small:
         figure.supxlabel(small, x=0.01, ha="left", fontsize=9)
     for number, panel in enumerate(panels):
@@ -90,7 +94,12 @@ def draw_sheet(sheet: Sheet) -> Picture:
             draw_reasons(axes, panel.values.astype(np.uint8))
         else:
             alike = [p.values for p in drawn if p.shares == panel.shares]
-            draw_map(axes, panel.values, panel.kind, limits_of(panel.kind, alike), panel.unit)
+            ends = panel.limits or limits_of(panel.kind, alike)
+            draw_map(axes, panel.values, panel.kind, ends, panel.unit)
+        if sheet.window is not None:
+            window = sheet.window
+            axes.set_xlim(window.left - 0.5, window.right + 0.5)
+            axes.set_ylim(window.bottom + 0.5, window.top - 0.5)
     return figure
 
 

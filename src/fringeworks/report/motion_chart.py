@@ -6,6 +6,7 @@ import numpy as np
 
 from fringeworks.evaluate.vibrations import Displacement, Vibration
 from fringeworks.report.drawing import Figure
+from fringeworks.types.numbers import number
 
 SIZE_INCH = (9.0, 5.2)
 """Width and height of the figure, inches."""
@@ -67,7 +68,7 @@ def _draw_spectrum(figure: Figure, spectrum: Vibration, rate_known: bool) -> Non
     )
     for frequency, amplitude in spectrum.peaks[:MOST_NAMED]:
         axes.annotate(
-            f"{frequency:.3g}: {1000 * amplitude:.3g} µm",
+            f"{number(frequency)}: {number(1000 * amplitude)} µm",
             (frequency, amplitude),
             textcoords="offset points",
             xytext=(6, 2),

@@ -14,6 +14,7 @@ from fringeworks.rig.calibration.board import (
     Board,
 )
 from fringeworks.types import InputError
+from fringeworks.types.numbers import number
 
 PAPERS = {
     "A5": (148.0, 210.0),
@@ -145,7 +146,7 @@ def sheet_size(
     width, height = needed_mm(board, white_on_black)
     raise InputError(
         f"board {board.name}: expected a board that fits on {paper} with its rulers, but it needs "
-        f"{width:.1f} × {height:.1f} mm; "
+        f"{number(width, digits=4)} × {number(height, digits=4)} mm; "
         + (f"largest that fits: {proposals}" if proposals else "none of its kind fits")
     )
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from fringeworks.report.drawing import Axes
 from fringeworks.report.maps import Picture
 from fringeworks.report.reason_words import REASON_COLOURS, REASON_WORDS
-from fringeworks.report.sheets import percent
 from fringeworks.types import BoolMap, FloatMap, Profile, Reason
+from fringeworks.types.numbers import percent, sigma_text
 
 SIZE_INCH = (9.0, 4.4)
 """Width and height of the picture, inches."""
@@ -37,7 +37,9 @@ def profile_picture(title: str, profile: Profile) -> Picture:
     axes = figure.add_subplot()
     place, unit = distances(profile)
     found = profile.sigma[np.isfinite(profile.sigma)]
-    usual = f"   ·   median σ {np.median(found):.2g} {profile.unit}" if found.size else ""
+    usual = (
+        f"   ·   median σ {sigma_text(float(np.median(found)), profile.unit)}" if found.size else ""
+    )
     shares = (
         f"{len(profile.values)} samples   ·   {percent(1.0 - profile.failed_fraction)} measured"
     )

@@ -9,6 +9,7 @@ import numpy as np
 from fringeworks.report.drawing import Axes
 from fringeworks.scan.setup import SetupTests
 from fringeworks.types import FloatMap
+from fringeworks.types.numbers import estimate, number, percent
 
 BLUE, FAULT, GREEN, AMBER = "#0072b2", "#d55e00", "#009e73", "#e69f00"
 """Colours that people with every kind of colour vision tell apart (Okabe and Ito)."""
@@ -29,7 +30,7 @@ def response(axes: Axes, tests: SetupTests) -> str:
     assert tests.levels is not None
     found = tests.levels
     level = np.linspace(0.0, 1.0, 101)
-    axes.plot(level, level**found.gamma, color=AMBER, label=f"level^{found.gamma:.2f}")
+    axes.plot(level, level**found.gamma, color=AMBER, label=f"level^{number(found.gamma)}")
     axes.plot(found.level, found.light, "o", color=BLUE, markersize=5, label="measured")
     black = 1.0 / found.contrast
     axes.axhline(black, color="grey", linestyle="--", linewidth=1, label="black with room light")
@@ -37,14 +38,13 @@ def response(axes: Axes, tests: SetupTests) -> str:
     axes.set_ylabel("light / share of white")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)
-    return (
-        f"response: light ≈ level^{found.gamma:.2f}, white {contrast_words(found.contrast)} × black"
-    )
+    white = contrast_words(found.contrast)
+    return f"response: light ≈ level^{number(found.gamma)}, white {white} × black"
 
 
 def contrast_words(contrast: float) -> str:
     """A contrast with two digits or more."""
-    return f"{contrast:.1f}" if contrast < 10 else f"{contrast:.0f}"
+    return number(contrast)
 
 
 def noise(axes: Axes, tests: SetupTests) -> str:
@@ -61,7 +61,7 @@ def noise(axes: Axes, tests: SetupTests) -> str:
     axes.set_ylim(bottom=0.0)
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="lower right")
-    return f"noise: read {model.read_counts:.2g} counts, gain {model.gain:.2g}"
+    return f"noise: read {number(model.read_counts)} counts, gain {number(model.gain)}"
 
 
 def contrast(axes: Axes, tests: SetupTests) -> str:
@@ -132,7 +132,9 @@ def exposure(axes: Axes, tests: SetupTests) -> str:
         if k % 2 == 0:
             axes.axvline(start, color="grey", linewidth=0.7)
             place = axes.get_xaxis_transform()
-            axes.text(start + 1, 0.99, f"{exposed:.3g} ms", fontsize=8, va="top", transform=place)
+            axes.text(
+                start + 1, 0.99, f"{number(exposed)} ms", fontsize=8, va="top", transform=place
+            )
         start += len(means)
     axes.set_xlabel("number of the frame")
     axes.set_ylabel("mean brightness / counts")
@@ -141,10 +143,10 @@ def exposure(axes: Axes, tests: SetupTests) -> str:
     axes.set_ylim(low, high + 0.25 * (high - low))
     axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.94), ncols=2)
     if proof.verdict == "automatic":
-        return f"exposure: automatic, {proof.drift:.0%} of a change are taken back"
+        return f"exposure: automatic, {percent(proof.drift)} of a change are taken back"
     return (
         f"exposure {'obeys' if proof.obeyed else 'does not obey'}: asked for a ratio of "
-        f"{proof.expected_ratio:.2f}, got {proof.ratio:.2f} ± {proof.ratio_sigma:.2f}"
+        f"{number(proof.expected_ratio)}, got {estimate(proof.ratio, proof.ratio_sigma)}"
     )
 
 
@@ -173,7 +175,8 @@ def flicker(axes: Axes, tests: SetupTests) -> str:
     axes.set_ylabel("change of brightness / % of white")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="upper right")
-    return f"flicker: {found.in_black:.2%} of white under black, {found.in_white:.2%} under white"
+    black, white = percent(found.in_black), percent(found.in_white)
+    return f"flicker: {black} of white under black, {white} under white"
 
 
 def spectrum(axes: Axes, tests: SetupTests) -> str:
@@ -195,8 +198,8 @@ def spectrum(axes: Axes, tests: SetupTests) -> str:
     axes.legend(fontsize=8, loc="upper right")
     rate = 1.0 / found.frame_s
     if not found.findings:
-        return f"flicker: no line at {rate:.3g} frames per second"
-    return f"flicker: seen at {peak[1]:.1f} Hz with {rate:.3g} frames per second"
+        return f"flicker: no line at {number(rate)} frames per second"
+    return f"flicker: seen at {number(peak[1])} Hz with {number(rate)} frames per second"
 
 
 def delay(axes: Axes, tests: SetupTests) -> str:

@@ -23,6 +23,7 @@ from fringeworks.report.setup_curves import (
 )
 from fringeworks.scan.setup import Setup, SetupTests
 from fringeworks.types import FloatMap
+from fringeworks.types.numbers import percent, sigma_text
 
 WIDTH_IN = 17.0
 """Width of the sheet, inches: four panels, readable on a screen and on A3."""
@@ -101,7 +102,7 @@ def _texts(tests: SetupTests) -> list[str]:
     texts = []
     if isinstance(tests, Setup):
         plan = tests.proposal
-        texts.append(f"Proposed plan: {plan.summary}; predicted σ {plan.sigma_px:.2g} px")
+        texts.append(f"Proposed plan: {plan.summary}; predicted σ {sigma_text(plan.sigma_px)} px")
     return texts + [
         f"Finding {k}: {finding.text}" for k, finding in enumerate(tests.findings, start=1)
     ]
@@ -126,7 +127,8 @@ def _lit_area(axes: Axes, tests: SetupTests) -> str:
     axes.imshow(tint, extent=_extent(levels.white))
     _camera_axes(axes)
     _bar(axes, picture, "white less black / counts")
-    return f"{np.mean(levels.lit):.0%} of the frame is lit and below the limit (rest tinted blue)"
+    share = percent(float(np.mean(levels.lit)))
+    return f"{share} of the frame is lit and below the limit (rest tinted blue)"
 
 
 def _projector_x(axes: Axes, tests: SetupTests) -> str:
@@ -140,7 +142,7 @@ def _projector_y(axes: Axes, tests: SetupTests) -> str:
     assert tests.orientation is not None
     _coordinates(axes, tests.orientation.y_px, tests.size_px[1], "projector row y / px")
     seen = np.isfinite(tests.orientation.x_px + tests.orientation.y_px).mean()
-    return f"orientation along y: {seen:.0%} of the frame has coordinates"
+    return f"orientation along y: {percent(float(seen))} of the frame has coordinates"
 
 
 def _coordinates(axes: Axes, place: FloatMap, length: int, label: str) -> None:
@@ -178,7 +180,7 @@ def _vignetting(axes: Axes, tests: SetupTests) -> str:
         seen = np.ma.masked_where(shown.mask, found.fall_off)
         if np.ptp(seen) > marks[1] - marks[0]:
             lines = axes.contour(x, y, seen, marks, colors="white", linewidths=0.9)
-            axes.clabel(lines, fmt=lambda share: f"{share:.0%}", fontsize=7)
+            axes.clabel(lines, fmt=percent, fontsize=7)
     axes.set_xlabel("projector column / px")
     axes.set_ylabel("projector row / px")
     label = "light / middle (lines: fit)"

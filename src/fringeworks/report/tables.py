@@ -7,9 +7,8 @@ import io
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
-import numpy as np
-
 from fringeworks.files.figures import to_json
+from fringeworks.types.numbers import number
 
 TableFormat = Literal["text", "csv", "json", "markdown"]
 Row = dict[str, Any]
@@ -17,7 +16,7 @@ Row = dict[str, Any]
 
 def _cell(value: Any) -> str:
     if isinstance(value, float):
-        return "–" if np.isnan(value) else f"{value:.4g}"
+        return number(value)
     return str(value)
 
 

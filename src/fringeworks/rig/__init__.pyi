@@ -61,3 +61,22 @@ from .camera_points import (
 from ..pipeline.cameras import (
     MultiMeasurement as MultiMeasurement,
 )
+from ..types import (
+    Mount as Mount,
+    RobotFrame as RobotFrame,
+    RobotNoise as RobotNoise,
+)
+from .robot.readings import (
+    Reading as Reading,
+    RobotPoses as RobotPoses,
+    robot_poses as robot_poses,
+)
+from .robot.base import (
+    in_base as in_base,
+)
+from .robot.hand_eye import (
+    HandEye as HandEye,
+)
+from ..pipeline.hand_eye import (
+    hand_eye as hand_eye,
+)

@@ -193,6 +193,7 @@ def measured_points(
     epipolar_px: float,
     findings: tuple[Finding, ...],
     out: PointCloud | None,
+    factors: FloatMap | None = None,
 ) -> PointCloud:
     """Points from frames in one pass, without maps of coordinates.
 
@@ -203,6 +204,8 @@ def measured_points(
         pixels are found; None keeps them
     epipolar_px, out : as for ``triangulate``
     findings : kept with the points
+    factors : (h, w) float32 array, optional
+        By how much the noise of every pixel is larger than that of the frames.
     """
     both, shape = len(stacks) == 2, triangulator.rig.camera.shape
     results = empty_arrays(shape, both) if out is None else reused_arrays(out, shape, both)
@@ -218,7 +221,19 @@ def measured_points(
         limits={"residual_sigmas": RESIDUAL_SIGMAS, "residual_px": epipolar_px},
     )
     _refuse_nothing(results["reason"])
+    if factors is not None:
+        _raise_noise(results, factors)
     return _cloud(results, None, findings)
+
+
+def _raise_noise(results: dict[str, Any], factors: FloatMap) -> None:
+    """Raise the noise of points, and σ by as much, in place."""
+    noise, sigma = results["noise"], results["sigma"]
+    np.multiply(sigma, sigma, out=sigma)
+    sigma += noise**2 * (factors**2 - np.float32(1.0))
+    np.sqrt(sigma, out=sigma)
+    noise *= factors
+    np.maximum(sigma, noise, out=sigma)
 
 
 def triangulate(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from typing import Unpack
 
@@ -11,10 +12,22 @@ import numpy as np
 
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.patterns.plan import PatternPlan
-from fringeworks.scan.frames import check_plan, pictures_of, taker_of
+from fringeworks.scan.frames import Progress, check_plan, pictures_of, taker_of
 from fringeworks.stack.decoder import JUDGE_EVERY, Decoder
 from fringeworks.stack.options import DecodeOptions
-from fringeworks.types import Delay, Frozen, PointCloud, Reason, Rig
+from fringeworks.types import (
+    Delay,
+    DeviceProblem,
+    Frozen,
+    InputError,
+    PointCloud,
+    Reason,
+    Rig,
+)
+
+RETRY_S = 0.5
+"""Time between two attempts to open devices that have failed, s: a camera that is plugged in again
+needs a second or two."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,6 +71,9 @@ def live(
     *,
     delay: Delay | None = None,
     judge_every: int = JUDGE_EVERY,
+    reopen: Callable[[], tuple[Projector, Camera]] | None = None,
+    retry_s: float = RETRY_S,
+    progress: Progress = lambda _: None,
     **options: Unpack[DecodeOptions],
 ) -> Iterator[LiveCloud]:
     """Measure points again and again, until the caller stops.
@@ -73,6 +89,14 @@ def live(
     judge_every : int ≥ 1
         Every so many measurements the frames are judged again, see ``Decoder``. With 1, every
         cloud has error bars that contain what a moving scene or changing light adds.
+    reopen : callable, optional
+        Opens both devices again after one of them has failed, as a camera that was unplugged, with
+        its settings. Measuring goes on then, with the frames judged anew. Where it raises a
+        DeviceProblem, it is called again after ``retry_s``. By default the first problem ends all.
+    retry_s : float ≥ 0
+        Time between two attempts to open the devices, s.
+    progress : callable
+        Called with a sentence when a device has failed, and when measuring goes on.
     **options
         Of ``decode``.
 
@@ -82,7 +106,12 @@ def live(
 
     Raises
     ------
-    InputError as ``take_frames``, ``decode`` and ``triangulate``.
+    InputError as ``take_frames``, ``decode`` and ``triangulate``; DeviceProblem where a device
+    fails and ``reopen`` is not given.
+
+    Notes
+    -----
+    The caller closes the devices that it opened, and the generator those of ``reopen``.
 
     Examples
     --------
@@ -95,17 +124,61 @@ def live(
     >>> bool((cloud.points.reason == 0).sum() > 3000)
     True
     """
+    if not retry_s >= 0.0:
+        raise InputError(f"retry_s: expected 0 or more, got {retry_s}")
     check_plan(projector, plan)
     pictures = list(pictures_of(projector, plan))
     taker = taker_of(projector, camera, delay)
     decoder: Decoder | None = None
+    with ExitStack() as opened:
+        while True:
+            started = time.perf_counter()
+            try:
+                frames = [grab.pixels for _, (grab,) in taker.frames(pictures)]
+            except DeviceProblem as problem:
+                if reopen is None:
+                    raise
+                _close(projector, camera)
+                projector, camera = _again(reopen, problem, retry_s, progress)
+                opened.callback(_close, projector, camera)
+                check_plan(projector, plan)
+                pictures = list(pictures_of(projector, plan))
+                taker, decoder = taker_of(projector, camera, delay), None
+                continue
+            taken = time.perf_counter()
+            if decoder is None:
+                shape, kind = frames[0].shape, frames[0].dtype
+                decoder = Decoder(plan, shape, kind, rig=rig, judge_every=judge_every, **options)
+            points = decoder.points(frames)
+            computed = time.perf_counter()
+            yield LiveCloud(points, taken - started, computed - taken, decoder.judged)
+
+
+def _close(projector: Projector, camera: Camera) -> None:
+    """Release devices of which one has failed: what it says of that is known already."""
+    for device in (camera, projector):
+        with suppress(DeviceProblem):
+            device.close()
+
+
+def _again(
+    reopen: Callable[[], tuple[Projector, Camera]],
+    problem: DeviceProblem,
+    retry_s: float,
+    progress: Progress,
+) -> tuple[Projector, Camera]:
+    """Open the devices again, as soon as they are there."""
+    said = ""
     while True:
-        started = time.perf_counter()
-        frames = [grab.pixels for _, (grab,) in taker.frames(pictures)]
-        taken = time.perf_counter()
-        if decoder is None:
-            shape, kind = frames[0].shape, frames[0].dtype
-            decoder = Decoder(plan, shape, kind, rig=rig, judge_every=judge_every, **options)
-        points = decoder.points(frames)
-        computed = time.perf_counter()
-        yield LiveCloud(points, taken - started, computed - taken, decoder.judged)
+        text = f"{problem}; waiting for the devices"
+        if text != said:
+            progress(text)
+            said = text
+        time.sleep(retry_s)
+        try:
+            found = reopen()
+        except DeviceProblem as still:
+            problem = still
+            continue
+        progress("the devices are back; measuring goes on")
+        return found

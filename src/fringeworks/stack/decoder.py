@@ -32,6 +32,7 @@ from fringeworks.types import (
     ByteMap,
     Decoded,
     Finding,
+    FloatMap,
     FramesContradictPlan,
     InputError,
     PointCloud,
@@ -54,8 +55,9 @@ class Decoder:
 
     Tables and memory are kept. The frames of a stack are judged (their order, noise, real steps)
     on the first call and on every ``judge_every``-th after it; the stacks between are decoded with
-    what was found. A stack in which many more fringe orders are ambiguous than in the last judged
-    one, as when the scene moves between its frames, is judged at once.
+    what was found, and σ of points is raised where neighbours scattered then. A stack in which many
+    more fringe orders are ambiguous than in the last judged one, as when the scene moves between
+    its frames, is judged at once.
 
     Parameters
     ----------
@@ -130,6 +132,7 @@ class Decoder:
         self._kernels: dict[Axis, _core.DecodeSettings] = {}
         self._typical_px: dict[Axis, float] = {}
         self._epipolar_px = 0.0
+        self._factors: FloatMap | None = None
         self._decoded: Decoded | None = None
         self._cloud: PointCloud | None = None
 
@@ -184,7 +187,8 @@ class Decoder:
         """Measure the points of one stack.
 
         Frames become points in one pass. The result is that of ``decode`` and of triangulation with
-        this decoder's ``epipolar_px``, to the bit.
+        this decoder's ``epipolar_px``, to the bit, but for σ where neighbours scatter: between
+        judged stacks, it is raised as in the last judged one, pixel by pixel.
 
         Parameters
         ----------
@@ -215,25 +219,60 @@ class Decoder:
         """Measure the points of checked frames."""
         found = self._found
         if self._since == 0 or found is None or self._depth or not _in_one_pass(found):
+            judged = self._since == 0
             decoded = self._coordinates(planes)
             self._cloud = triangulator.triangulate(
                 decoded, epipolar_px=self._epipolar_px, out=self._cloud
             )
+            if judged:
+                self._factors = self._scatter(planes, triangulator, self._cloud)
         else:
             self._count(judged=False)
-            removes = self._options.get("remove_isolated", True)
-            self._cloud = measured_points(
-                triangulator,
-                {
-                    axis: ([readable(planes[k]) for k in a.decoding.frames], self._kernels[axis])
-                    for axis, a in found.axes.items()
-                },
-                typical_px=self._typical_px if removes else None,
-                epipolar_px=self._epipolar_px,
-                findings=self.findings,
-                out=self._cloud,
-            )
+            self._cloud = self._one_pass(planes, triangulator, self._cloud, self._factors)
         return self._cloud
+
+    def _one_pass(
+        self,
+        planes: Planes,
+        triangulator: Triangulator,
+        out: PointCloud | None,
+        factors: FloatMap | None,
+    ) -> PointCloud:
+        """Measure the points of checked frames by what was found, without maps of coordinates."""
+        assert self._found is not None
+        removes = self._options.get("remove_isolated", True)
+        return measured_points(
+            triangulator,
+            {
+                axis: ([readable(planes[k]) for k in a.decoding.frames], self._kernels[axis])
+                for axis, a in self._found.axes.items()
+            },
+            typical_px=self._typical_px if removes else None,
+            epipolar_px=self._epipolar_px,
+            findings=self.findings,
+            out=out,
+            factors=factors,
+        )
+
+    def _scatter(
+        self, planes: Planes, triangulator: Triangulator, judged: PointCloud
+    ) -> FloatMap | None:
+        """By how much neighbours raise the noise of every pixel of a judged stack, (h, w); None
+        where they do not, or where points are not measured in one pass."""
+        found = self._found
+        if found is None or self._depth or not _in_one_pass(found):
+            return None
+        if not any(a.scatters or a.steps or a.pull_px for a in found.axes.values()):
+            return None
+        plain = self._one_pass(planes, triangulator, None, None)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            factors = np.maximum(judged.noise_mm / plain.noise_mm, np.float32(1.0))
+        known = np.isfinite(factors)
+        if not known.any():
+            return None
+        # Pixels that were not measured then: as much as the others in the mean square.
+        factors[~known] = np.sqrt(np.mean(factors[known].astype(np.float64) ** 2))
+        return factors
 
     def _suspects(self, *reasons: ByteMap) -> bool:
         """Whether a stack that was not judged has many more ambiguous orders than the last one that
@@ -312,7 +351,6 @@ def _ambiguous(reasons: Sequence[ByteMap]) -> int:
 
 
 def _in_one_pass(found: Judgement) -> bool:
-    """Whether no step between decoding and triangulation needs whole maps."""
-    return not any(
-        axis.uneven or axis.scatters or axis.votes or axis.pull_px for axis in found.axes.values()
-    )
+    """Whether no step between decoding and triangulation changes coordinates or reasons by whole
+    maps. What neighbours show of the scatter only raises σ."""
+    return not any(axis.uneven or axis.votes or axis.blurred for axis in found.axes.values())

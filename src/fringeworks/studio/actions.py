@@ -20,8 +20,6 @@ from fringeworks.pipeline.boards import calibrate_stacks
 from fringeworks.pipeline.merging import merge
 from fringeworks.pipeline.stacks import measure
 from fringeworks.report.boards import write_board
-from fringeworks.report.display import plot
-from fringeworks.report.figures import save_figure
 from fringeworks.report.page.report import SUFFIXES as REPORTS
 from fringeworks.report.page.report import write_report
 from fringeworks.report.page.surfaces import surface_of
@@ -29,8 +27,10 @@ from fringeworks.report.summary import summarise
 from fringeworks.scan.bench import Take, open_bench, take
 from fringeworks.scan.setup import SetupStopped, set_up
 from fringeworks.showcase.dissertation import write_paper
+from fringeworks.studio.plots import DARK_FOLDER, draw
 from fringeworks.studio.tasks import Source, compute, judged, known, poses_of
-from fringeworks.studio.worker import Job, Link
+from fringeworks.studio.trash import Trash
+from fringeworks.studio.worker import Link
 from fringeworks.studio.workspace import Workspace
 from fringeworks.types import TriangleMesh
 
@@ -59,38 +59,6 @@ def perform(link: Link, action: Action, space: Workspace) -> Any:
     return action.run(link, space)
 
 
-class CommandLog:
-    """Actions that were begun, and the commands that do the same."""
-
-    def __init__(self, space: Workspace) -> None:
-        self._space = space
-        self._log: list[tuple[Job, Action]] = []
-
-    def note(self, job: Job, action: Action) -> Job:
-        """Note the action of a piece of work."""
-        self._log.append((job, action))
-        return job
-
-    @property
-    def done(self) -> list[Command]:
-        """Commands that do what was done, in its order; work that failed is left out.
-
-        Of what was done twice, such as a pose that was taken again, the last time counts. Poses
-        that were deleted are left out as well.
-        """
-        found: dict[Any, Command] = {}
-        there = self._space.taken_poses()
-        for job, action in self._log:
-            if job.state != "done":
-                continue
-            pose = job.result["name"] if isinstance(action, TakePose) else None
-            if pose is None or pose in there:
-                made = action.command(job.result)
-                found.pop(pose or made, None)
-                found[pose or made] = made
-        return list(found.values())
-
-
 @dataclass(frozen=True)
 class SetUp:
     """Find out what devices can do together."""
@@ -113,9 +81,12 @@ class SetUp:
                     progress=link.progress,
                 )
             except SetupStopped as stopped:
-                save_figure(plot(stopped.tests), picture)
+                draw(stopped.tests, picture)
                 raise
-        save_figure(plot(found), picture)
+        kept = (space.setup.name, "setup.plan.toml", picture.name, f"{DARK_FOLDER}/{picture.name}")
+        if space.setup.exists():
+            Trash(space).before(kept, "set up again")
+        draw(found, picture)
         write_setup(space.setup, found, projector=self.projector, camera=self.camera)
         return summarise(found)
 
@@ -123,8 +94,8 @@ class SetUp:
         """What does the same."""
         words = _arguments(projector=self.projector, camera=self.camera)
         return Command(
-            f"fringeworks setup --projector {_quoted(self.projector)} "
-            f"--camera {_quoted(self.camera)} --frames {self.frames} --axes x,y --out setup.toml",
+            f"fringeworks setup --projector {quoted(self.projector)} "
+            f"--camera {quoted(self.camera)} --frames {self.frames} --axes x,y --out setup.toml",
             f"with fw.scan.open_bench({words}) as bench:\n"
             "    found = fw.set_up(\n"
             f"        bench.projector, bench.camera, frames={self.frames}, axes=('x', 'y')\n"
@@ -156,7 +127,7 @@ class Scan:
         words = f", {_arguments(**self.devices)}" if self.devices else ""
         how = f", fw.scan.{self.how!r}" if self.how.changed else ""
         return Command(
-            f"fringeworks capture --setup setup.toml {options}--out {_quoted(self.name)}",
+            f"fringeworks capture --setup setup.toml {options}--out {quoted(self.name)}",
             f"with fw.scan.open_bench('setup.toml'{words}) as bench:\n"
             f"    fw.scan.take(bench, {self.name!r}{how})",
         )
@@ -199,7 +170,7 @@ class DrawBoard:
     def command(self, _: Any) -> Command:
         """What does the same."""
         return Command(
-            f"fringeworks board {_quoted(self.board)} --out board.pdf",
+            f"fringeworks board {quoted(self.board)} --out board.pdf",
             f"fw.report.write_board('board.pdf', {self.board!r})",
         )
 
@@ -213,14 +184,17 @@ class Calibrate:
     def run(self, link: Link, space: Workspace) -> dict[str, Any]:
         """Write the rig and its picture."""
         found = calibrate_stacks(space.poses, self.board, progress=link.progress)
+        if space.rig.exists():
+            kept = (space.rig.name, "rig.png", f"{DARK_FOLDER}/rig.png")
+            Trash(space).before(kept, "calibrate again")
         write_rig(space.rig, found.rig)
-        save_figure(plot(found, "board"), space.rig.with_suffix(".png"))
+        draw(found, space.rig.with_suffix(".png"), "board")
         return summarise(found)
 
     def command(self, _: Any) -> Command:
         """What does the same."""
         return Command(
-            f"fringeworks calibrate board/ --board {_quoted(self.board)} --out rig.toml "
+            f"fringeworks calibrate board/ --board {quoted(self.board)} --out rig.toml "
             "--figure rig.png",
             f"found = fw.calibrate('board', {self.board!r})\n"
             "fw.files.write_rig('rig.toml', found.rig)\n"
@@ -266,14 +240,14 @@ class MergeViews:
     def command(self, _: Any) -> Command:
         """What does the same."""
         rig = {"rig": "rig.toml"} if self.board else {}
-        clouds = [f"{_quoted(name)}.npz" for name in self.captures]
+        clouds = [f"{quoted(name)}.npz" for name in self.captures]
         measured = [
-            f"fringeworks measure {_quoted(name)} --rig rig.toml --out {cloud}"
+            f"fringeworks measure {quoted(name)} --rig rig.toml --out {cloud}"
             for name, cloud in zip(self.captures, clouds, strict=True)
         ]
         merged = f"fringeworks merge {' '.join(clouds)} {_options(self.poses | rig)}"
         return Command(
-            "\n".join([*measured, f"{merged}--out {_quoted(self.name)}.ply"]),
+            "\n".join([*measured, f"{merged}--out {quoted(self.name)}.ply"]),
             f"views = [fw.measure(name, 'rig.toml').points for name in {list(self.captures)!r}]\n"
             f"found = fw.merge(views, {_arguments(**self.poses, **rig)})\n"
             f"fw.files.write_merged_points({f'{self.name}.ply'!r}, found.points, "
@@ -295,7 +269,7 @@ class Inspect:
 
     def command(self, _: Any) -> Command:
         """What does the same."""
-        name = _quoted(self.source.name)
+        name = quoted(self.source.name)
         return Command(
             f"fringeworks inspect {name} --recipe recipe.toml" if self.source.is_capture else "",
             f"print({self.source.inspected}.verdict)",
@@ -338,13 +312,13 @@ class Export:
             rig = "" if self.source.rig is None else ", rig='rig.toml'"
             shown = f"{{{self.source.path.name!r}: {self.source.python[0]}}}"
             return Command(
-                self.source.shell("--report", _quoted(self.name)),
+                self.source.shell("--report", quoted(self.name)),
                 f"fw.write_report({self.name!r}, {shown}{rig})",
             )
         mesh = " --ply mesh" if self._kind else ""
         more = f", {_arguments(**self._kind)}" if self._kind else ""
         return Command(
-            self.source.shell("--out", f"{_quoted(self.name)}{mesh}"),
+            self.source.shell("--out", f"{quoted(self.name)}{mesh}"),
             f"fw.write({self.name!r}, {''.join(self.source.python)}{more})",
         )
 
@@ -376,10 +350,11 @@ def _arguments(**values: Any) -> str:
 def _options(values: dict[str, Any]) -> str:
     """Options of a command, a space after each; they have the names of the library's arguments."""
     return "".join(
-        f"--{name.replace('_', '-')} " + ("" if value is True else f"{_quoted(str(value))} ")
+        f"--{name.replace('_', '-')} " + ("" if value is True else f"{quoted(str(value))} ")
         for name, value in values.items()
     )
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
+    """A word for a shell."""
     return shlex.quote(text)

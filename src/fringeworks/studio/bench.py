@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from fringeworks.devices.bench import POSES
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.setup import StoredSetup, read_setup
 from fringeworks.scan.aiming import Shown as Light
 from fringeworks.scan.bench import Take
 from fringeworks.studio import live, tasks
-from fringeworks.studio.actions import Action, CommandLog, Scan, SetUp, TakePose, perform
+from fringeworks.studio.actions import Action, Scan, SetUp, TakePose, perform
+from fringeworks.studio.log import CommandLog
+from fringeworks.studio.notes import Notes
+from fringeworks.studio.part_actions import CheckRig
 from fringeworks.studio.series import Series
 from fringeworks.studio.session import Session
+from fringeworks.studio.trash import Trash
 from fringeworks.studio.worker import Job, Task, Worker
 from fringeworks.studio.workspace import Words, Workspace, checked_words, open_workspace
 from fringeworks.types import Finding, InputError
 
 VIRTUAL = "virtual"
 """The devices that need no hardware."""
+BY_ITSELF = "by itself"
+"""Virtual scene that moves by itself: a plane to set up, a board in a new pose each time to
+calibrate, a bust to scan, on a turntable where one turns."""
+Purpose = Literal["set up", "calibrate", "scan"]
+"""What the devices are used for, which decides what a virtual scene that moves by itself shows."""
 USUAL_BOARD = "chessboard:11x8:12"
 """The board that is offered first."""
 USUAL_FRAMES = 24
 """Frames of the plan that a set-up proposes: both axes, as a calibration needs them."""
+CHECK = "rig-check"
+"""Name of the captures by which a rig is checked."""
 SETUP_STEPS = 8
 """Steps that a set-up tells of."""
 LIVE_PICTURE, LIVE_POINTS = "live picture", "live points"
@@ -41,10 +52,13 @@ class Bench:
 
     def __init__(self, folder: StrPath) -> None:
         self.workspace: Workspace = open_workspace(folder)
+        self.trash = Trash(self.workspace)
+        self.trash.purge()
         self.log = CommandLog(self.workspace)
+        self.notes = Notes(self.workspace)
         self.devices = Worker()
         self.projector = self.camera = VIRTUAL
-        self.scene = "bust"
+        self.scene = BY_ITSELF
         self.found: tuple[list[str], list[str]] = ([], [])
         """Words of the projectors and cameras that were found."""
         self.board = USUAL_BOARD
@@ -65,18 +79,45 @@ class Bench:
             return
         self.projector, self.camera = stored.projector, stored.camera
         if stored.camera.startswith(f"{VIRTUAL}:"):
-            self.camera, _, self.scene = stored.camera.partition(":")
+            self.camera = VIRTUAL
 
     @property
     def words(self) -> tuple[str, str]:
+        """Words that open projector and camera for a scan; see ``words_for``."""
+        return self.words_for()
+
+    def words_for(
+        self, purpose: Purpose = "scan", turned_deg: float | None = None
+    ) -> tuple[str, str]:
         """Words that open projector and camera.
+
+        Parameters
+        ----------
+        purpose : "set up", "calibrate" or "scan"
+            What a virtual scene that moves by itself shows.
+        turned_deg : float, optional
+            Angle of its turntable, degrees; None for none.
 
         Raises
         ------
         InputError for devices that would read outside of the folder.
         """
-        camera = f"{VIRTUAL}:{self.scene}" if self.camera == VIRTUAL else self.camera
+        camera = self.camera
+        if camera == VIRTUAL:
+            by_itself = self.scene == BY_ITSELF
+            scene = self._moved(purpose, turned_deg) if by_itself else self.scene
+            camera = f"{VIRTUAL}:{scene}"
         return checked_words(self.projector, self.workspace), checked_words(camera, self.workspace)
+
+    def _moved(self, purpose: Purpose, turned_deg: float | None) -> str:
+        """What a virtual scene that moves by itself shows."""
+        if purpose == "calibrate":
+            taken = self.workspace.taken_poses()
+            free = next(k for k in range(len(taken) + 1) if f"pose-{k + 1:02d}" not in taken)
+            return f"board-{free % POSES}"
+        if purpose == "set up":
+            return "plane"
+        return "bust" if turned_deg is None else f"turntable-{turned_deg:g}"
 
     def hold(self, session: Session) -> None:
         """Let a visitor use the devices.
@@ -124,13 +165,14 @@ class Bench:
     ) -> Job:
         """Show what the camera sees until it is stopped; where asked for, find the board in it."""
         poses = (self.workspace, self.board) if board else None
-        given = self.words, shown, level, exposure_ms, poses
+        words = self.words_for("calibrate" if board else "set up")
+        given = words, shown, level, exposure_ms, poses
         return self._use_devices(session, LIVE_PICTURE, live.live_picture, *given)
 
     def find_exposure(self, session: Session) -> Job:
         """Find the exposure that suits the scene."""
         return self._use_devices(
-            session, "looking for the exposure", live.find_exposure, self.words
+            session, "looking for the exposure", live.find_exposure, self.words_for("set up")
         )
 
     def start_points(self, session: Session) -> Job:
@@ -138,7 +180,7 @@ class Bench:
         self._needs(self.workspace.setup, "do Set up first")
         self._needs(self.workspace.rig, "calibrate first")
         files = str(self.workspace.setup), str(self.workspace.rig)
-        return self._use_devices(session, LIVE_POINTS, live.live_points, self.words, *files)
+        return self._use_devices(session, LIVE_POINTS, live.live_points, self.words_for(), *files)
 
     def stop_live(self, session: Session) -> None:
         """End the live picture or the live points.
@@ -160,12 +202,13 @@ class Bench:
 
     def run_setup(self, session: Session) -> Job:
         """Do a set-up."""
-        return self._act(session, "set up", SetUp(*self.words, USUAL_FRAMES), SETUP_STEPS)
+        action = SetUp(*self.words_for("set up"), USUAL_FRAMES)
+        return self._act(session, "set up", action, SETUP_STEPS)
 
     def take_pose(self, session: Session) -> Job:
         """Take a pose of the board."""
         stored = self._setup()
-        action = TakePose(self.board, self._others(stored))
+        action = TakePose(self.board, self._others(stored, self.words_for("calibrate")))
         return self._act(session, "calibrate", action, stored.plan.frames + 1)
 
     def judge_poses(self, session: Session) -> Job:
@@ -173,8 +216,24 @@ class Bench:
         given = self.workspace, self.board
         return self._use_devices(session, "judging the poses", tasks.judge, *given)
 
+    def check_rig(self, session: Session) -> Job:
+        """Take a pose of the board, and check by it whether the rig still holds."""
+        stored = self._setup()
+        self._needs(self.workspace.rig, "calibrate first")
+        name = self.workspace.free(CHECK, "")
+        action = CheckRig(name, self.board, self._others(stored, self.words_for("calibrate")))
+        return self._act(session, "checking the rig", action, stored.plan.frames + 2)
+
+    def calibrated_with_all(self) -> bool:
+        """Whether the rig is younger than every pose: no further ones are asked for then."""
+        rig, poses = self.workspace.rig, self.workspace.taken_poses()
+        if not rig.is_file() or not poses:
+            return False
+        stamps = [(self.workspace.poses / name).stat().st_mtime_ns for name in poses]
+        return rig.stat().st_mtime_ns > max(stamps)
+
     def undo_pose(self, name: str) -> None:
-        """Delete a pose.
+        """Move a pose to the trash.
 
         Raises
         ------
@@ -183,26 +242,46 @@ class Bench:
         self.workspace.check()
         if name not in self.workspace.taken_poses():
             raise InputError(f"pose: expected one of those taken, got {name!r}")
-        shutil.rmtree(self.workspace.poses / name)
+        self.trash.delete(f"{self.workspace.poses.name}/{name}", f"delete {name}")
 
-    def scan(self, session: Session, name: str, how: Take | None = None) -> Job:
-        """Take the frames of an object into a folder of its own."""
+    def scan(
+        self,
+        session: Session,
+        name: str,
+        how: Take | None = None,
+        turned_deg: float | None = None,
+    ) -> Job:
+        """Take the frames of an object into a folder of its own.
+
+        A virtual turntable that moves by itself stands at ``turned_deg``.
+        """
         how = how or Take()
         self._free(name, how)
         stored = self._setup()
-        action = Scan(name, how, self._others(stored))
+        action = Scan(name, how, self._others(stored, self.words_for("scan", turned_deg)))
+        self.notes.forget(name)
         return self._act(session, "scan", action, how.hdr * stored.plan.frames + 1)
 
     def start_series(
-        self, session: Session, names: list[str], pause_s: float, how: Take | None = None
+        self,
+        session: Session,
+        names: list[str],
+        pause_s: float,
+        how: Take | None = None,
+        turn_deg: float = 0.0,
     ) -> Series:
-        """Take scans one after the other, with a pause before each."""
+        """Take scans one after the other, with a pause before each.
+
+        A virtual turntable that moves by itself turns by ``turn_deg`` before each but the first.
+        """
         if self.series is not None and self.series.running:
             raise InputError("A scan is running or waiting already: wait, or stop it.")
         for name in names:
             self._free(name, how or Take())
         self.hold(session)
-        self.series = Series(names, pause_s, lambda name: self.scan(session, name, how))
+        angles = {name: k * turn_deg if turn_deg else None for k, name in enumerate(names)}
+        begin = lambda name: self.scan(session, name, how, angles[name])  # noqa: E731
+        self.series = Series(names, pause_s, begin)
         self.series.start()
         return self.series
 
@@ -216,6 +295,7 @@ class Bench:
 
     def _act(self, session: Session, name: str, action: Action, total: int) -> Job:
         """Begin an action that uses the devices."""
+        self.workspace.check_writable()
         job = self._use_devices(session, name, perform, action, self.workspace, total=total)
         return self.log.note(job, action)
 
@@ -239,9 +319,9 @@ class Bench:
         self._needs(self.workspace.setup, "do Set up first")
         return read_setup(self.workspace.setup)
 
-    def _others(self, stored: StoredSetup) -> dict[str, Any]:
+    def _others(self, stored: StoredSetup, words: tuple[str, str]) -> dict[str, Any]:
         """Words of the chosen devices that are not those of the set-up."""
-        projector, camera = self.words
+        projector, camera = words
         known = {"projector": stored.projector, "camera": stored.camera}
         chosen = {"projector": projector, "camera": camera}
         return {role: words for role, words in chosen.items() if words != known[role]}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 from dataclasses import replace
+from functools import partial
 from io import BytesIO
 from typing import Any
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from fringeworks.devices.opening import open_devices
+from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.files.rig import read_rig
 from fringeworks.files.setup import read_setup
 from fringeworks.patterns.plan import PatternPlan, Uniform
@@ -27,7 +29,7 @@ from fringeworks.scan.poses import REGIONS, SIDES, PoseJudgement
 from fringeworks.studio.tasks import poses_of, thinning
 from fringeworks.studio.worker import Link
 from fringeworks.studio.workspace import Workspace
-from fringeworks.types import Axis, FramesContradictPlan
+from fringeworks.types import Axis, CameraSettings, FramesContradictPlan
 
 SHORTEST_S = 0.1
 """Shortest time between two live pictures, s."""
@@ -146,6 +148,21 @@ def find_exposure(link: Link, devices: tuple[str, str]) -> float | None:
         return auto_exposure(projector, camera).exposure_ms
 
 
+class _Stopped(Exception):
+    """The page has asked to stop while the devices were waited for."""
+
+
+def _opened_again(
+    link: Link, devices: tuple[str, str], settings: CameraSettings
+) -> tuple[Projector, Camera]:
+    """Devices that had failed, with their settings."""
+    if link.stopped():
+        raise _Stopped
+    projector, camera = open_devices(*devices)
+    camera.configure(settings)
+    return projector, camera
+
+
 def live_points(link: Link, devices: tuple[str, str], setup: str, rig: str) -> None:
     """Measure and send points until told to stop."""
     link.progress("opening the devices")
@@ -158,7 +175,15 @@ def live_points(link: Link, devices: tuple[str, str], setup: str, rig: str) -> N
         link.progress("measuring")
         while True:
             try:
-                clouds = live(projector, camera, plan, known, delay=stored.delay)
+                clouds = live(
+                    projector,
+                    camera,
+                    plan,
+                    known,
+                    delay=stored.delay,
+                    reopen=partial(_opened_again, link, devices, stored.settings),
+                    progress=partial(link.show, "moved"),
+                )
                 for cloud in clouds:
                     every = thinning(cloud.points.reason.size, LIVE_POINTS)
                     packed = pack_surface(cloud.points, camera=known, every=every, title="live")
@@ -166,6 +191,8 @@ def live_points(link: Link, devices: tuple[str, str], setup: str, rig: str) -> N
                     link.show("cloud", {"number": number, "said": str(cloud), "data": packed.data})
                     if link.stopped():
                         return
+            except _Stopped:
+                return
             except FramesContradictPlan as moved:
                 # Something has moved between the frames; the next ones may be good.
                 link.show("moved", str(moved))

@@ -6,15 +6,16 @@ from dataclasses import replace
 
 from fringeworks.files.recipe import read_recipe, write_recipe
 from fringeworks.studio.tasks import Source
+from fringeworks.studio.trash import Trash
 from fringeworks.studio.workspace import NAME, NAME_RULE, Workspace
 from fringeworks.types import Area, InputError, PartTolerance, Recipe
 
 
 class RecipeKeeper:
-    """Reads and changes the recipe in a folder."""
+    """Reads and changes the recipe in a folder; every change by a click can be undone."""
 
-    def __init__(self, space: Workspace) -> None:
-        self._space = space
+    def __init__(self, space: Workspace, trash: Trash) -> None:
+        self._space, self._trash = space, trash
 
     @property
     def shown(self) -> Recipe:
@@ -52,7 +53,7 @@ class RecipeKeeper:
         known = self.read()
         if name in known.areas:
             raise InputError(f"area: expected a new name, got {name!r}: delete that area first")
-        self.keep(replace(known, areas={**known.areas, name: area}))
+        self._edit(f"add {name}", replace(known, areas={**known.areas, name: area}))
 
     def remove_area(self, name: str) -> None:
         """Delete an area, and the tolerances that are measured on it."""
@@ -60,22 +61,29 @@ class RecipeKeeper:
         left = {key: area for key, area in known.areas.items() if key != name}
         kept = tuple(one for one in known.tolerances if name not in one.areas)
         within = None if known.within == name else known.within
-        self.keep(replace(known, areas=left, tolerances=kept, within=within))
+        recipe = replace(known, areas=left, tolerances=kept, within=within)
+        self._edit(f"delete {name}", recipe)
 
     def confine(self, name: str | None) -> None:
         """Measure only within an area, or everywhere."""
-        self.keep(replace(self.read(), within=name))
+        self._edit(f"measure {name or 'everywhere'}", replace(self.read(), within=name))
 
     def add_tolerance(self, tolerance: PartTolerance) -> None:
         """Add a tolerance."""
         known = self.read()
-        self.keep(replace(known, tolerances=(*known.tolerances, tolerance)))
+        recipe = replace(known, tolerances=(*known.tolerances, tolerance))
+        self._edit(f"add {tolerance.name}", recipe)
 
     def remove_tolerance(self, name: str) -> None:
         """Delete a tolerance."""
         known = self.read()
         kept = tuple(one for one in known.tolerances if one.name != name)
-        self.keep(replace(known, tolerances=kept))
+        self._edit(f"delete {name}", replace(known, tolerances=kept))
+
+    def _edit(self, what: str, recipe: Recipe) -> None:
+        """Write a recipe that a click has changed."""
+        self._trash.before((self._space.recipe.name,), what)
+        self.keep(recipe)
 
     def keep(self, recipe: Recipe) -> None:
         """Write the recipe."""

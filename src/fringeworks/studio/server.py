@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
+import gzip
 import secrets
 import signal
 import socket
 import sys
 import threading
 import webbrowser
+from collections.abc import Callable
 from pathlib import Path
 
 import uvicorn
-from fastapi import FastAPI, HTTPException
+from fastapi import FastAPI, HTTPException, Request
 from fastapi.responses import FileResponse, PlainTextResponse, Response
-from nicegui import ui
+from nicegui import app, ui
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.report.viewer.page import viewer_script, viewer_style
 from fringeworks.studio.guard import TOKEN, Guard
-from fringeworks.studio.page import STYLE, add_page
+from fringeworks.studio.page import SCRIPT, STYLE, add_page
 from fringeworks.studio.state import Studio
-from fringeworks.types import DeviceProblem, FileProblem
+from fringeworks.studio.thumbnails import thumbnail
+from fringeworks.types import DeviceProblem, FileProblem, InputError
 
 LOOPBACK = ("127.0.0.1", "localhost")
 """Names of this machine for itself."""
@@ -30,6 +33,12 @@ USUAL_PORT = 80
 """Port that addresses leave out."""
 PORT = 8137
 """Port that is tried first; a free one is taken where it is in use."""
+ICON = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16">'
+    '<rect width="16" height="16" rx="3" fill="#1f5fbf"/>'
+    '<path d="M3 2v12M6.3 2v12M9.7 2v12M13 2v12" stroke="#fff"/></svg>'
+)
+"""Icon of the page in the browser: fringes."""
 SHUTDOWN_S = 2
 """Longest wait for pages that are still open at the end, s."""
 
@@ -83,6 +92,8 @@ def studio_app(studio: Studio, port: int = PORT) -> FastAPI:
 
     The port is part of the cookie's name: browsers send cookies to all ports of a host.
     """
+    # No bar at the top while something loads: it has no name, and the page says what it does.
+    app.config.quasar_config["loadingBar"] = {"skipHijack": True}
     api = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     _add_files(api, studio)
     add_page(studio)
@@ -90,6 +101,9 @@ def studio_app(studio: Studio, port: int = PORT) -> FastAPI:
         api,
         title="fringeworks studio",
         dark=None,
+        language="en-US",
+        favicon=ICON,
+        tailwind=False,
         storage_secret=secrets.token_hex(),
         show_welcome_message=False,
         reconnect_timeout=30.0,
@@ -99,15 +113,17 @@ def studio_app(studio: Studio, port: int = PORT) -> FastAPI:
 
 
 def _add_files(api: FastAPI, studio: Studio) -> None:
-    """Register what pages load: the viewer, surfaces, pictures, and files of the folder."""
+    """Register what pages load: scripts and styles, surfaces, pictures, and files of the folder."""
+    _add_texts(api)
 
-    @api.get("/viewer.js")
-    def _script() -> Response:
-        return Response(viewer_script(), media_type="text/javascript")
-
-    @api.get("/studio.css")
-    def _style() -> Response:
-        return Response(viewer_style() + STYLE, media_type="text/css")
+    @api.get("/thumb/{name:path}")
+    def _thumb(name: str) -> Response:
+        try:
+            content = thumbnail(studio.workspace.inside(name))
+        except InputError:
+            raise HTTPException(404, "There is no picture of that.") from None
+        headers = {"cache-control": "private, max-age=86400"}
+        return Response(content, media_type="image/jpeg", headers=headers)
 
     @api.get("/surface/{number}")
     def _surface(number: int) -> Response:
@@ -133,6 +149,32 @@ def _add_files(api: FastAPI, studio: Studio) -> None:
             return PlainTextResponse(str(problem), status_code=403)
         except (OSError, ValueError):
             return PlainTextResponse("There is no such file.", status_code=404)
+
+
+def _add_texts(api: FastAPI) -> None:
+    """Register scripts and styles, compressed once."""
+    texts = {
+        "viewer.js": (viewer_script(), "text/javascript"),
+        "viewer.css": (viewer_style(), "text/css"),
+        "studio.js": (SCRIPT, "text/javascript"),
+        "studio.css": (STYLE, "text/css"),
+    }
+    for name, (text, kind) in texts.items():
+        api.get(f"/{name}")(_text(text, kind))
+
+
+def _text(text: str, kind: str) -> Callable[[Request], Response]:
+    """What answers with a text, compressed where the browser can read that."""
+    plain = text.encode()
+    packed = gzip.compress(plain, mtime=0)
+
+    def answer(request: Request) -> Response:
+        if "gzip" not in request.headers.get("accept-encoding", ""):
+            return Response(plain, media_type=kind)
+        headers = {"content-encoding": "gzip", "vary": "Accept-Encoding"}
+        return Response(packed, media_type=kind, headers=headers)
+
+    return answer
 
 
 def _file(path: Path, *, download: bool = False) -> FileResponse:

@@ -36,7 +36,6 @@ class Session:
     """What one visitor looks at; all tabs of a browser are one visitor."""
 
     name: str
-    step: str = "set up"
     shown: Shown | None = None
     kept: Shown | None = None
     """The result before, for comparison."""
@@ -55,9 +54,26 @@ class Session:
     jobs: deque[Job] = field(default_factory=lambda: deque(maxlen=KEPT_JOBS))
     """Their last computations."""
 
+    def recall(self, source: str, method: str, options: dict[str, Any]) -> bool:
+        """Whether a result is there or on its way; one that is kept is shown again."""
+        wanted = source, method, options
+        made = [
+            None if one is None else (one.source, one.method, one.options)
+            for one in (self.pending, self.shown, self.kept)
+        ]
+        if wanted == made[2] and wanted not in made[:2]:
+            self.shown, self.kept = self.kept, self.shown
+        return wanted in made
+
     def job(self, names: tuple[str, ...]) -> Job | None:
         """The last computation whose name begins with one of these."""
         return next((job for job in reversed(self.jobs) if job.name.startswith(names)), None)
+
+    def catch_up(self) -> None:
+        """Take over a result that was computed while another step was shown."""
+        job = None if self.pending is None else self.job((self.pending.work,))
+        if job is not None and job.state == "done":
+            self.arrived(job.name, job.result)
 
     def arrived(self, name: str, result: dict[str, Any]) -> None:
         """Take over a result that was computed; the one before is kept for comparison."""

@@ -7,8 +7,9 @@ import shutil
 import tempfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
+from fringeworks.evaluate.inspect import Verdict
 from fringeworks.files.atomic import StrPath
 from fringeworks.studio import learning, tasks
 from fringeworks.studio.actions import (
@@ -22,8 +23,11 @@ from fringeworks.studio.actions import (
     perform,
 )
 from fringeworks.studio.bench import Bench
+from fringeworks.studio.part_actions import Deviate, InspectAll, WriteMesh
 from fringeworks.studio.recipes import RecipeKeeper, as_shown
 from fringeworks.studio.session import Session, Shown
+from fringeworks.studio.tour import PART, Tour, begin_tour
+from fringeworks.studio.trash import Entry
 from fringeworks.studio.worker import Job, Task, Worker
 from fringeworks.types import FileProblem, InputError
 
@@ -51,7 +55,9 @@ class Studio(Bench):
     def __init__(self, folder: StrPath) -> None:
         super().__init__(folder)
         self.compute = Worker()
-        self.recipes = RecipeKeeper(self.workspace)
+        self.recipes = RecipeKeeper(self.workspace, self.trash)
+        self.tour: Tour | None = None
+        """The virtual part that is measured, or was measured last."""
         self.verdict: dict[str, Any] = {}
         """What the last calibration said."""
         self._sessions: dict[str, Session] = {}
@@ -97,6 +103,32 @@ class Studio(Bench):
             states["set up"] = "look here"
         return states
 
+    def start_tour(self, session: Session) -> Tour:
+        """Measure a virtual part from the first step to the last.
+
+        Raises
+        ------
+        InputError where the folder has a set-up of other devices, and while the devices are used.
+        """
+        self._idle(session)
+        if self.tour is not None and self.tour.running:
+            raise InputError("The virtual part is being measured already.")
+        self.tour = begin_tour(self, session)
+        return self.tour
+
+    def end_tour(self, session: Session) -> None:
+        """Move what the virtual part has left in the folder to the trash: own devices come next."""
+        self._idle(session)
+        self.workspace.check()
+        space, tour = self.workspace, self.tour
+        files = (space.setup, space.root / "setup.plan.toml", space.setup.with_suffix(".png"))
+        rigs = (space.rig, space.rig.with_suffix(".png"), space.poses, space.root / PART)
+        self.trash.clear([path.name for path in (*files, *rigs)], "put the virtual part away")
+        self.notes.forget(PART)
+        self.poses, self.verdict, self.tour = {}, {}, None
+        if tour is not None:
+            tour.session.shown = tour.session.kept = None
+
     def print_board(self, session: Session) -> Job:
         """Draw the board to print."""
         return self._calculate(session, "drawing the board", DrawBoard(self.board))
@@ -120,7 +152,7 @@ class Studio(Bench):
             raise InputError("Turntable step: expected degrees, got 0.")
         for capture in captures:
             self.workspace.inside(capture)
-        self.workspace.new(name, ".ply")
+        name = self.workspace.free(name, ".ply")
         action = MergeViews(tuple(captures), board, step_deg, name)
         return self._calculate(session, "merging", action, 2 * len(captures))
 
@@ -136,6 +168,7 @@ class Studio(Bench):
             str(self.surface(pending.number)),
             total=2,
         )
+        job.when_done(lambda: self.notes.measured(source, job.result["figures"]))
         session.pending = pending
         self.surface(pending.number - MOST_SURFACES).unlink(missing_ok=True)
         return job
@@ -177,7 +210,9 @@ class Studio(Bench):
         if not recipe.tolerances:
             raise InputError("No tolerance is set: add one, then judge the part.")
         self.recipes.keep(as_shown(recipe, source))
-        return self._calculate(session, f"judging {name}", Inspect(source))
+        job = self._calculate(session, f"judging {name}", Inspect(source))
+        job.when_done(lambda: self.notes.judged(name, job.result))
+        return job
 
     def draw_picture(self, session: Session, name: str) -> Job:
         """Draw the picture of a capture or result, to draw areas on."""
@@ -188,10 +223,49 @@ class Studio(Bench):
 
     def export(self, session: Session, shown: Shown, suffix: str, kind: str) -> Job:
         """Write what is shown into the folder."""
-        name = Path(shown.source).name
-        self.workspace.new(name, suffix)
+        name = self.workspace.free(Path(shown.source).name, suffix)
         action = Export(self._source(shown), f"{name}{suffix}", kind)
         return self._calculate(session, f"writing {action.name}", action, 2)
+
+    def write_mesh(self, session: Session, shown: Shown, suffix: str) -> Job:
+        """Write what is shown as a mesh for printers and CAD."""
+        name = self.workspace.free(Path(shown.source).name, suffix)
+        action = WriteMesh(self._source(shown), f"{name}{suffix}")
+        return self._calculate(session, f"writing {action.name}", action, 3)
+
+    def deviate(self, session: Session, name: str, model: str, tolerance_mm: float | None) -> Job:
+        """Compare a part with a drawing in the folder, and show the deviation.
+
+        Raises
+        ------
+        InputError where the folder has no such drawing.
+        """
+        if model not in self.workspace.drawings():
+            raise InputError(f"drawing: expected one in the folder, got {model!r}")
+        self._replace(session)
+        pending = Shown(name, "deviation", {"model": model}, next(self._numbers))
+        source = self._source(Shown(name, "windowed", {}, 0))
+        action = Deviate(source, model, tolerance_mm, str(self.surface(pending.number)))
+        job = self._calculate(session, pending.work, action, 4)
+        session.pending = pending
+        return job
+
+    def inspect_all(self, session: Session, names: list[str]) -> Job:
+        """Judge many captures by the tolerances."""
+        if not self.recipes.read().tolerances:
+            raise InputError("No tolerance is set: add one in Look, then judge the parts.")
+        if not names:
+            raise InputError("There is no capture to judge.")
+        rig = self.workspace.rig if self.workspace.rig.is_file() else None
+        self.recipes.keep(replace(self.recipes.read(), rig=rig))
+        job = self._calculate(session, "judging all", InspectAll(tuple(names)), len(names))
+        job.when_done(lambda: self._note_verdicts(job.result))
+        return job
+
+    def _note_verdicts(self, found: dict[str, str]) -> None:
+        for name, verdict in found.items():
+            if verdict in get_args(Verdict):
+                self.notes.judged(name, {"verdict": verdict})
 
     def _source(self, shown: Shown) -> tasks.Source:
         """What a surface is computed from."""
@@ -211,6 +285,7 @@ class Studio(Bench):
 
     def _calculate(self, session: Session, name: str, action: Action, total: int = 0) -> Job:
         """Begin an action that needs no devices."""
+        self.workspace.check_writable()
         job = self._compute(session, name, perform, action, self.workspace, total=total)
         return self.log.note(job, action)
 
@@ -229,10 +304,68 @@ class Studio(Bench):
             if job.name.startswith(("measuring", "trying")):
                 self.compute.cancel(job)
 
+    def undo(self, session: Session, entry: Entry | None = None) -> str:
+        """Undo what a click did, by default the last; what it was, in words.
+
+        Raises
+        ------
+        InputError where there is nothing to undo, its place is taken, or another visitor uses the
+        devices.
+        """
+        self.hold(session)
+        self.workspace.check()
+        said = self.trash.undo(entry)
+        self.poses = {}
+        return said
+
+    def delete(self, session: Session, name: str) -> None:
+        """Move a capture or a result to the trash.
+
+        Raises
+        ------
+        InputError for anything else, and while devices or computations are at work.
+        """
+        self._idle(session)
+        self._listed(name)
+        self.trash.delete(name, f"delete {name}")
+
+    def rename(self, session: Session, name: str, new: str) -> str:
+        """Give a capture or a result another name; files keep their suffix. The new name.
+
+        Raises
+        ------
+        As ``delete``; InputError for a name that is taken or not allowed.
+        """
+        self._idle(session)
+        self._listed(name)
+        old = Path(name)
+        suffix = "" if self.workspace.inside(name).is_dir() else old.suffix
+        self.workspace.new(new.removesuffix(suffix), suffix)
+        target = (old.parent / f"{new.removesuffix(suffix)}{suffix}").as_posix()
+        self.trash.rename(name, target)
+        self.notes.renamed(name, target)
+        return target
+
+    def _listed(self, name: str) -> None:
+        """Refuse names of anything but captures and results."""
+        self.workspace.check()
+        if name not in (*self.workspace.captures(), *self.workspace.results()):
+            raise InputError(f"{name}: expected a capture or result in the folder, got none")
+
+    def _idle(self, session: Session) -> None:
+        """Refuse to move files that somebody may be reading or writing."""
+        self.hold(session)
+        self.workspace.check_writable()
+        series = self.series is not None and self.series.running
+        if series or (self.devices.busy and not self._is_live()) or self.compute.busy:
+            raise InputError("Something is being measured: wait, or cancel it.")
+
     def close(self) -> None:
         """End the workers, and delete the packed surfaces."""
         if self.series is not None:
             self.series.stop()
+        if self.tour is not None and self.tour.running:
+            self.tour.stop()
         self.devices.close()
         self.compute.close()
         shutil.rmtree(self._packed, ignore_errors=True)

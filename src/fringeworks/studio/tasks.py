@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -86,15 +86,25 @@ class Source:
     options: dict[str, Any]
     recipe: Path | None = None
     """A recipe that says within which area is measured."""
+    settled_how: How | None = None
+    """How it was made, once that is settled; otherwise its files tell."""
+    settled_capture: bool | None = None
+    """Whether it was a capture, once that is settled."""
 
     @property
     def is_capture(self) -> bool:
         """Whether it is a capture, and no file."""
-        return self.path.is_dir()
+        return self.path.is_dir() if self.settled_capture is None else self.settled_capture
+
+    def settled(self) -> Source:
+        """The same source, which says how it is made also when its files are gone."""
+        return replace(self, settled_how=self.how, settled_capture=self.is_capture)
 
     @property
     def how(self) -> How:
         """What makes a result of it."""
+        if self.settled_how is not None:
+            return self.settled_how
         if self.recipe is not None:
             return "inspect"
         if not self.is_capture:
@@ -153,7 +163,7 @@ def show(link: Link, source: Source, target: str) -> dict[str, Any]:
         raise InputError(f"{source.path.name}: expected a surface, got another result")
     link.progress("packing the surface")
     known = None if source.rig is None else read_rig(source.rig)
-    every = _thinning(shown)
+    every = thinning_of(shown)
     surface = packed(shown, title=source.path.name, camera=known, every=every)
     Path(target).write_bytes(surface.data)
     return {"figures": summarise(result), "every": every}
@@ -229,8 +239,8 @@ def picture_of(known: Path | HeightMap | PointCloud) -> NDArray[Any]:
     return np.asarray(mean)
 
 
-def _thinning(result: Any) -> int:
-    """Every how many columns and rows are shown."""
+def thinning_of(result: Any) -> int:
+    """Return every how many columns and rows of a result are shown."""
     inner = surface_of(result)
     pixels = len(inner.xyz_mm) if isinstance(inner, Points) else inner.reason.size
     return thinning(pixels, PIXELS)

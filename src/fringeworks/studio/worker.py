@@ -47,6 +47,28 @@ class Job:
     """Whether it was asked to stop."""
     latest: dict[str, Any] = field(default_factory=dict)
     """The last value that the work has sent, by kind."""
+    _then: list[Callable[[], None]] = field(default_factory=list, repr=False)
+    """Called once when the work has ended well."""
+    _lock: Any = field(default_factory=threading.RLock, repr=False)
+
+    def when_done(self, action: Callable[[], None]) -> None:
+        """Call something when the work has ended well, at once where it has already."""
+        with self._lock:
+            if self.state != "done":
+                self._then.append(action)
+                return
+        action()
+
+    def finish(self, result: Any) -> None:
+        """End the work well, after everything that waits for that."""
+        self.result = result
+        while True:
+            with self._lock:
+                if not self._then:
+                    self.state = "done"
+                    return
+                action = self._then.pop(0)
+            action()
 
     @property
     def open(self) -> bool:
@@ -204,7 +226,7 @@ class Worker:
                 elif kind == "latest":
                     job.latest[value[0]] = value[1]
                 elif kind == "done":
-                    job.result, job.state = value, "done"
+                    job.finish(value)
                 else:
                     job.problem, job.state = value, "failed"
         except (EOFError, OSError):

@@ -25,6 +25,8 @@ RESULTS = (
     *(".pcd", ".csv", ".e57", ".las", ".laz"),
 )
 """Suffixes of results that can be looked at."""
+DRAWINGS = (".stl", ".obj", ".off", ".ply")
+"""Suffixes of drawings that parts are compared with."""
 POSE = re.compile(r"pose-\d+")
 """Names of the board's poses."""
 RESERVED = (
@@ -36,6 +38,9 @@ RESERVED = (
     "recipe.toml",
     "board",
     "dissertation",
+    "trash",
+    "history.jsonl",
+    "notes.json",
 )
 """Names of the studio's own files and folders."""
 MOST_VISITED = 5000
@@ -73,6 +78,21 @@ class Workspace:
         return self.root / "recipe.toml"
 
     @property
+    def trash(self) -> Path:
+        """The folder of what was deleted or replaced."""
+        return self.root / "trash"
+
+    @property
+    def history(self) -> Path:
+        """The file of what was done."""
+        return self.root / "history.jsonl"
+
+    @property
+    def notes(self) -> Path:
+        """The file of verdicts and findings by capture."""
+        return self.root / "notes.json"
+
+    @property
     def figures_folder(self) -> Path:
         """The folder of the dissertation's figures."""
         return self.root / "dissertation"
@@ -86,6 +106,11 @@ class Workspace:
     def poses(self) -> Path:
         """The folder of the board's poses."""
         return self.root / "board"
+
+    @property
+    def writable(self) -> bool:
+        """Whether files can be written into the folder."""
+        return os.access(self.root, os.W_OK)
 
     def inside(self, name: str) -> Path:
         """Return the path of something in the folder.
@@ -114,6 +139,29 @@ class Workspace:
             raise FileProblem(f"name: expected one that the studio does not use, got {name!r}")
         return self.inside(name + suffix)
 
+    def free(self, name: str, suffix: str) -> str:
+        """Return a name, or the same with a number, that no file with this suffix has.
+
+        Raises
+        ------
+        As ``new``.
+        """
+        names = (name if k == 1 else f"{name}-{k}" for k in range(1, MOST_VISITED))
+        return next(n for n in names if not self.new(n, suffix).exists())
+
+    def check_writable(self) -> None:
+        """Refuse to write where that is not possible, before anything is measured.
+
+        Raises
+        ------
+        FileProblem for a folder that can be looked at only.
+        """
+        if not self.writable:
+            raise FileProblem(
+                f"{self.root.name}: expected a folder that can be written to, got a read-only one: "
+                "its captures can be looked at"
+            )
+
     def check(self) -> None:
         """Refuse links in place of the studio's own files: they would lead out of the folder.
 
@@ -136,7 +184,7 @@ class Workspace:
     def _captures(self, folder: Path, levels: int) -> Iterator[str]:
         for entry in _folders(folder):
             path = Path(entry.path)
-            if path in (self.poses, self.figures_folder):
+            if path in (self.poses, self.figures_folder, self.trash):
                 continue
             if _is_file(path / CAPTURE_FILE):
                 yield path.relative_to(self.root).as_posix()
@@ -149,6 +197,14 @@ class Workspace:
             entry.name
             for entry in _entries(self.root)
             if Path(entry.name).suffix.lower() in RESULTS and _is_file(Path(entry.path))
+        )[:MOST_LISTED]
+
+    def drawings(self) -> list[str]:
+        """Names of the files that hold drawings or meshes."""
+        return sorted(
+            entry.name
+            for entry in _entries(self.root)
+            if Path(entry.name).suffix.lower() in DRAWINGS and _is_file(Path(entry.path))
         )[:MOST_LISTED]
 
     def taken_poses(self) -> list[str]:
@@ -193,10 +249,15 @@ def _is_file(path: Path) -> bool:
 def open_workspace(folder: StrPath) -> Workspace:
     """Return the workspace of a folder, which is made where it is missing.
 
+    A folder that can be read and not written to can be looked at.
+
     Raises
     ------
     FileProblem where that is not possible.
     """
+    path = Path(folder)
+    if path.is_dir() and os.access(path, os.R_OK | os.X_OK):
+        return Workspace(path.resolve())
     return Workspace(make_folder(folder).resolve())
 
 

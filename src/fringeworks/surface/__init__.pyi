@@ -1,6 +1,7 @@
 """Surfaces: normals, triangles and heights of point clouds; points of height maps; fitted forms."""
 
 from ..types import (
+    Placement as Placement,
     Points as Points,
     Profile as Profile,
 )

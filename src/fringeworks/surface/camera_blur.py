@@ -15,7 +15,16 @@ from fringeworks._lazy import scipy
 from fringeworks.rig.pinhole import project, transform
 from fringeworks.surface.clean import inside_surface
 from fringeworks.surface.cloud import LONG_SIDE
-from fringeworks.types import Axis, BoolMap, CameraBlur, FloatMap, InputError, PointCloud, Rig
+from fringeworks.types import (
+    Axis,
+    BoolMap,
+    CameraBlur,
+    FloatMap,
+    InputError,
+    PointCloud,
+    Rig,
+    need_camera_frame,
+)
 
 Periods = float | Sequence[float]
 """Period of fringes, or those of the sets that coordinates are the mean of, projector px."""
@@ -129,7 +138,7 @@ def remove_blur(
     >>> round(float((ball.xyz_mm - found.xyz_mm)[6, 6, 2]), 3)
     0.01
     """
-    blur = _blur_of(blur, rig)
+    blur = _blur_of(cloud, blur, rig)
     axes: tuple[Axis, ...] = ("x", "y") if axis is None else (axis,)
     # Fringes fade on slopes across them, so that each axis has a modulation of its own.
     lights = [_light(cloud, _of_axis(modulation, a)) for a in axes]
@@ -204,7 +213,8 @@ def _left(changed: FloatMap, of_blur: FloatMap, beside: FloatMap) -> FloatMap:
     return np.copysign(size, np.where(np.abs(changed) > np.abs(of_blur), changed, of_blur))
 
 
-def _blur_of(blur: CameraBlur | float | None, rig: Rig) -> CameraBlur:
+def _blur_of(cloud: PointCloud, blur: CameraBlur | float | None, rig: Rig) -> CameraBlur:
+    need_camera_frame(cloud, "the removal of blur")
     if blur is None:
         if rig.blur is None:
             raise InputError("blur: expected that of the camera, got none here nor in the rig")

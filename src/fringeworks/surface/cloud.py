@@ -48,6 +48,8 @@ MAX_NODES = 1e8
 def normals(cloud: PointCloud, *, window: int = 5) -> FloatMap:
     """Compute the unit normals of a point cloud's surface, pointing towards the camera.
 
+    They are in the coordinates of the points.
+
     Parameters
     ----------
     cloud : PointCloud
@@ -69,6 +71,10 @@ def normals(cloud: PointCloud, *, window: int = 5) -> FloatMap:
     """
     if not whole(window, 3, MOST_PX) or window % 2 == 0:
         raise InputError(f"window: expected an odd number of 3 to {MOST_PX}, got {window}")
+    if cloud.placement is not None:
+        return normals(cloud.in_camera(), window=window) @ np.asarray(
+            cloud.placement.T_frame_camera[:3, :3].T, np.float32
+        )
     ok = cloud.reason == Reason.OK
     xyz = np.where(ok[..., None], cloud.xyz_mm, 1.0).astype(np.float64)
     with np.errstate(all="ignore"):
@@ -114,7 +120,7 @@ def cloud_triangles(cloud: PointCloud) -> NDArray[np.uint32]:
     is missing where a corner is, and where it would bridge a step in depth: it is steep to the
     camera's ray, or far longer than usual for its depth.
     """
-    h, w = cloud.shape
+    cloud, (h, w) = cloud.in_camera(), cloud.shape
     ok = (cloud.reason == Reason.OK) & np.isfinite(cloud.xyz_mm).all(axis=-1)
     shape = (2, max(h - 1, 0), max(w - 1, 0))
     valid, steep, per_depth = np.zeros(shape, bool), np.zeros(shape, bool), np.empty(shape)
@@ -175,15 +181,14 @@ def height_over_plane(
     ----------
     cloud : PointCloud
     point_mm : (3,) array
-        A point of the plane in camera coordinates, mm.
+        A point of the plane in the cloud's coordinates, mm.
     normal : (3,) array
-        Normal of the plane in camera coordinates, of any length and either sign: heights count
+        Normal of the plane in these coordinates, of any length and either sign: heights count
         towards the camera.
     pitch_mm : float > 0
         Distance of the grid's nodes, mm.
     right : (3,) array, optional
-        Direction in which the grid's columns count, projected into the plane; the camera's x by
-        default.
+        Direction in which the grid's columns count, projected into the plane; x by default.
 
     Returns
     -------
@@ -199,14 +204,16 @@ def height_over_plane(
     if not positive(pitch_mm):
         raise InputError(f"pitch_mm: expected > 0, got {pitch_mm}")
     origin = np.asarray(point_mm, np.float64)
-    x, y, up = _plane_axes(origin, np.asarray(normal, np.float64), right)
+    placement = cloud.placement
+    eye = np.zeros(3) if placement is None else placement.T_frame_camera[:3, 3]
+    x, y, up = _plane_axes(origin, np.asarray(normal, np.float64), right, eye)
     faces = cloud_triangles(cloud)
     if not len(faces):
         raise InputError("cloud: expected neighbouring points, got none", findings=cloud.findings)
     height, face = _topmost(cloud, faces, origin, np.stack((x, y, up)), pitch_mm)
     hit = face >= 0
     corners = faces[np.maximum(face.ravel(), 0)]
-    points = cloud.xyz_mm.reshape(-1, 3)[corners[:, 0]].astype(np.float64)
+    points = cloud.xyz_mm.reshape(-1, 3)[corners[:, 0]].astype(np.float64) - eye
     ray_to_normal = np.abs(points @ up) / np.linalg.norm(points, axis=1)
     sigma = cloud.sigma_mm.reshape(-1)[corners].mean(axis=1) * ray_to_normal
     return HeightMap(
@@ -221,7 +228,7 @@ def height_over_plane(
 
 
 def _plane_axes(
-    origin: FloatMap, normal: FloatMap, right: FloatMap | None
+    origin: FloatMap, normal: FloatMap, right: FloatMap | None, eye: FloatMap
 ) -> tuple[FloatMap, FloatMap, FloatMap]:
     """Unit vectors of a grid on a plane: columns, rows, and up towards the camera."""
     known = normal.shape == origin.shape == (3,) and finite(*normal, *origin)
@@ -230,7 +237,7 @@ def _plane_axes(
             "plane: expected a finite point and a normal > 0 of 3 values each, got shapes "
             f"{origin.shape} and {normal.shape}"
         )
-    up = normal / np.linalg.norm(normal) * (1.0 if normal @ -origin > 0 else -1.0)
+    up = normal / np.linalg.norm(normal) * (1.0 if normal @ (eye - origin) > 0 else -1.0)
     x = np.array([1.0, 0.0, 0.0]) if right is None else np.asarray(right, np.float64)
     if x.shape != (3,) or not finite(*x):
         raise InputError(f"right: expected a direction of 3 finite values, got shape {x.shape}")

@@ -49,9 +49,9 @@ def cloud_mesh(cloud: PointCloud, *, fill_px: int = 0) -> TriangleMesh:
 
     Returns
     -------
-    TriangleMesh in camera coordinates. Triangles do not bridge steps in depth, and points without a
-    triangle are left out. ``filled`` marks the vertices in holes; their σ is NaN, because nothing
-    was measured there.
+    TriangleMesh in the coordinates of the cloud. Triangles do not bridge steps in depth, and points
+    without a triangle are left out. ``filled`` marks the vertices in holes; their σ is NaN, because
+    nothing was measured there.
 
     Raises
     ------
@@ -240,6 +240,11 @@ def vertex_normals(vertices: FloatMap, faces: NDArray[np.uint32]) -> FloatMap:
 
 def _fill(cloud: PointCloud, fill_px: int) -> tuple[PointCloud, BoolMap]:
     """The cloud with its small holes filled, and which pixels were."""
+    if cloud.placement is not None:
+        within, filled = _fill(cloud.in_camera(), fill_px)
+        T = cloud.placement.T_frame_camera
+        xyz = np.where(filled[..., None], within.xyz_mm @ T[:3, :3].T + T[:3, 3], cloud.xyz_mm)
+        return replace(cloud, xyz_mm=xyz.astype(np.float32), reason=within.reason), filled
     ok = cloud.reason == Reason.OK
     label, count = scipy.ndimage.label(~ok)
     edge = np.unique(np.concatenate((label[0], label[-1], label[:, 0], label[:, -1])))

@@ -289,7 +289,7 @@ def difference(
 
     Raises
     ------
-    InputError for surfaces of two kinds, shapes, units or pitches.
+    InputError for surfaces of two kinds, shapes, units, pitches or coordinates.
 
     Examples
     --------
@@ -303,9 +303,12 @@ def difference(
     """
     if isinstance(one, PointCloud) and isinstance(other, PointCloud):
         _check_alike("shape", one.shape, other.shape)
+        _check_alike("frame", one.frame, other.frame)
         a, b = organised_points(one), organised_points(other)
+        eye = np.zeros(3) if one.placement is None else one.placement.T_frame_camera[:3, 3]
         with np.errstate(all="ignore"):
-            values = np.einsum("hwk,hwk->hw", b - a, a) / np.linalg.norm(a, axis=-1)
+            sight = a - eye
+            values = np.einsum("hwk,hwk->hw", b - a, sight) / np.linalg.norm(sight, axis=-1)
         sigmas = one.sigma_mm, other.sigma_mm
     elif isinstance(one, HeightMap) and isinstance(other, HeightMap):
         for name in ("shape", "unit", "quantity", "pitch"):

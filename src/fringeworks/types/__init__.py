@@ -69,14 +69,23 @@ from fringeworks.types.frozen import Frozen, check_reusable, fingerprint, sealed
 from fringeworks.types.lens_field import LensField
 from fringeworks.types.multi_rig import MultiRig, multi_rig_parameters
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
+from fringeworks.types.placement import CAMERA_FRAME, Placement
 from fringeworks.types.points import Points, TriangleMesh
 from fringeworks.types.profile import Line, Profile
-from fringeworks.types.provenance import Provenance, Source, made_by, provenance_from, today
+from fringeworks.types.provenance import Provenance, Source, day, made_by, provenance_from, today
 from fringeworks.types.recipe import PartModel, PartTolerance, Recipe
 from fringeworks.types.rig import RIG_PARAMETERS, Pinhole, Rig
-from fringeworks.types.surface import HeightMap, PointCloud
+from fringeworks.types.robot import (
+    Mount,
+    RobotFrame,
+    RobotNoise,
+    check_pose_covariance,
+    check_rigid,
+)
+from fringeworks.types.surface import HeightMap, PointCloud, need_camera_frame
 
 __all__ = [
+    "CAMERA_FRAME",
     "LARGEST",
     "MOST_PX",
     "MOST_SEED",
@@ -112,6 +121,7 @@ __all__ = [
     "LensField",
     "Line",
     "MissingPackage",
+    "Mount",
     "MultiRig",
     "Noted",
     "Pair",
@@ -119,6 +129,7 @@ __all__ = [
     "PartTolerance",
     "Pinhole",
     "Pixels",
+    "Placement",
     "Plotted",
     "PointCloud",
     "Points",
@@ -130,6 +141,8 @@ __all__ = [
     "Region",
     "Rig",
     "RigMismatch",
+    "RobotFrame",
+    "RobotNoise",
     "Sectioned",
     "Severity",
     "Source",
@@ -140,8 +153,11 @@ __all__ = [
     "by_effect",
     "check_fields",
     "check_layout",
+    "check_pose_covariance",
     "check_reusable",
+    "check_rigid",
     "count_reasons",
+    "day",
     "explained",
     "fingerprint",
     "finite",
@@ -150,6 +166,7 @@ __all__ = [
     "layout_words",
     "made_by",
     "multi_rig_parameters",
+    "need_camera_frame",
     "numbered",
     "positive",
     "provenance_from",

@@ -20,7 +20,9 @@ import the rooms behind its own."""
 class Display(Protocol):
     """What that module has."""
 
-    def plot(self, result: object, name: str | None = None) -> Figure:
+    def plot(
+        self, result: object, name: str | None = None, *, panel: str = "", title: bool = True
+    ) -> Figure:
         """Draw a result as one picture."""
 
     def show(self, result: object, *, every: int = 1) -> Path:
@@ -43,13 +45,17 @@ def _display() -> Display:
 class Plotted:
     """A result that draws itself."""
 
-    def plot(self, name: str | None = None) -> Figure:
+    def plot(self, name: str | None = None, *, panel: str = "", title: bool = True) -> Figure:
         """Draw the result as one picture, with units, standard deviations and reasons.
 
         Parameters
         ----------
         name : str, optional
             Name of the object or capture, put before the title, which says what is shown.
+        panel : str
+            Draw this map alone, such as "height", "depth", "sigma" or "reasons"; all by default.
+        title : bool
+            False: without titles and findings, for papers; scales then name their quantities.
 
         Returns
         -------
@@ -58,7 +64,8 @@ class Plotted:
 
         Raises
         ------
-        MissingPackage where the package ``matplotlib`` (the extra "plots") is not installed.
+        InputError for a panel that the picture does not have; MissingPackage where the package
+        ``matplotlib`` (the extra "plots") is not installed.
 
         Examples
         --------
@@ -68,7 +75,7 @@ class Plotted:
         >>> [axes.get_title() for axes in figure.axes if axes.get_title()]
         ['height', 'standard deviation σ', 'measured, or why not']
         """
-        return _display().plot(self, name)
+        return _display().plot(self, name, panel=panel, title=title)
 
     def show(self, *, every: int = 1) -> Path:
         """Open the report of the result in the browser: surfaces to turn, maps, figures, findings.

@@ -107,6 +107,17 @@ def today() -> str:
         ) from error
 
 
+def day(date: str) -> str:
+    """A date of a provenance as people read it.
+
+    Examples
+    --------
+    >>> day("2026-11-26T14:24:27Z")
+    '2026-11-26 14:24 UTC'
+    """
+    return f"{date[:10]} {date[11:16]} UTC" if date.endswith("Z") else date
+
+
 def _plain(value: Any) -> Any:
     if hasattr(value, "__dataclass_fields__"):
         values = {f.name: getattr(value, f.name) for f in fields(value)}

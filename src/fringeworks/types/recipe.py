@@ -52,6 +52,10 @@ QUANTITIES: Mapping[str, int] = MappingProxyType(
     }
 )
 """Quantities that can have a tolerance, and how many areas each is measured on."""
+UNITS: Mapping[str, str] = MappingProxyType(
+    dict.fromkeys(QUANTITIES, "mm") | {"volume": "mm³", "angle": "°", "valid_share": ""}
+)
+"""Units of the quantities."""
 FROM_MODEL = frozenset({"deviation_mean", "deviation_rms", "deviation_max"})
 """Quantities that need a model."""
 USUAL_RISK = 0.05
@@ -77,6 +81,15 @@ class PartTolerance(Frozen):
     """Smallest allowed value; mm, mm³, degrees or a share."""
     high: float | None = None
     """Largest allowed value."""
+    nominal: float | None = None
+    """Value of the drawing, for reports; the middle of both limits where it is None."""
+
+    @property
+    def target(self) -> float | None:
+        """The nominal value: as stated, or the middle of both limits; None where neither is."""
+        if self.nominal is not None or self.low is None or self.high is None:
+            return self.nominal
+        return 0.5 * (self.low + self.high)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -14,6 +14,7 @@ from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.lens_field import LensField
 from fringeworks.types.provenance import Provenance
+from fringeworks.types.robot import RobotFrame
 
 ROTATION_TOLERANCE = 1e-6
 """Largest deviation of RᵀR from the identity. Files hold six digits or more; a matrix that is off
@@ -93,6 +94,8 @@ class Rig(Frozen):
     """The camera's blur; None where unknown."""
     region: Region | None = None
     """Part of the camera's sensor that its frames show; None where unknown."""
+    robot: RobotFrame | None = None
+    """Where the camera is on a robot; None where it is on none, or that is unknown."""
 
     def __post_init__(self) -> None:
         for name in ("T_projector_camera", "covariance"):

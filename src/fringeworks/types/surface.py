@@ -1,8 +1,8 @@
-"""Measured surfaces: height maps over a plane, points in camera coordinates."""
+"""Measured surfaces: height maps over a plane, points of a camera's pixels."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +14,9 @@ from fringeworks.types.errors import InputError
 from fringeworks.types.exchanged import Labelled, exchange
 from fringeworks.types.finding import Finding, Noted
 from fringeworks.types.frozen import Frozen
+from fringeworks.types.placement import CAMERA_FRAME, Placement, pose_sigma_mm
 from fringeworks.types.provenance import Provenance
+from fringeworks.types.robot import check_pose_covariance, check_rigid
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -74,7 +76,11 @@ class HeightMap(Noted, Sectioned, Labelled, Frozen):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PointCloud(Noted, Sectioned, Labelled, Frozen):
-    """Points in camera coordinates, one per pixel: x right, y down, z away from the camera."""
+    """Points, one per pixel of the camera.
+
+    They are in camera coordinates (x right, y down, z away from the camera), or in others, which
+    ``placement`` then names.
+    """
 
     layout = {  # noqa: RUF012
         "xyz_mm": "fiu hw3",
@@ -107,6 +113,80 @@ class PointCloud(Noted, Sectioned, Labelled, Frozen):
     blur_mm: FloatMap | None = None
     """The part of σ that the camera's blur leaves after ``remove_blur``, with its sign, (h, w), mm:
     one error that all points have in common, times this. None where blur was not removed."""
+    placement: Placement | None = None
+    """The coordinates that the points are in; None for camera coordinates. ``sigma_mm`` then also
+    holds the error of the transform, in its worst direction; all points have it in common."""
+
+    @property
+    def frame(self) -> str:
+        """Name of the coordinates that the points are in, such as "camera" or "base"."""
+        return CAMERA_FRAME if self.placement is None else self.placement.frame
+
+    def transformed(
+        self, T: FloatMap, *, frame: str, covariance: FloatMap | None = None
+    ) -> PointCloud:
+        """Return the points in other coordinates, such as those of a robot's base.
+
+        Parameters
+        ----------
+        T : (4, 4) array
+            Maps the present coordinates to the new ones, mm.
+        frame : str
+            Name of the new coordinates, such as "base".
+        covariance : (6, 6) array, optional
+            Covariance of the error of ``T``: rotation ω (rad) and shift v (mm) about the new axes
+            turn R into exp(ω) R and t into t + v. By default ``T`` is exact.
+
+        Returns
+        -------
+        PointCloud
+            With the same pixels. The error of ``T`` is part of ``sigma_mm``, in its worst direction
+            and common to all points; ``noise_mm``, independent from pixel to pixel, stays.
+
+        Raises
+        ------
+        InputError for a matrix that is no rotation with a translation, a wrong covariance, and a
+        name that is empty or "camera".
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import fringeworks as fw
+        >>> xyz = np.full((1, 2, 3), 100.0, np.float32)
+        >>> s = np.full((1, 2), 0.01, np.float32)
+        >>> cloud = fw.PointCloud(xyz, s, s, np.zeros((1, 2), np.uint8))
+        >>> T = np.eye(4)
+        >>> T[2, 3] = 1000.0
+        >>> moved = cloud.transformed(T, frame="base")
+        >>> moved.frame, moved.xyz_mm[0, 0].tolist()
+        ('base', [100.0, 100.0, 1100.0])
+        """
+        T, known = check_rigid(T, "T"), check_pose_covariance(covariance, "covariance")
+        if self.placement is None:
+            placement = Placement(frame, T, known)
+        else:
+            placement = self.placement.then(T, frame, known)
+        xyz, sigma = np.empty_like(self.xyz_mm), self.sigma_mm
+        if known is not None:
+            sigma = np.empty_like(self.sigma_mm)
+        with np.errstate(invalid="ignore", over="ignore"):
+            for row, points in enumerate(self.xyz_mm):
+                arms = points.astype(np.float64) @ T[:3, :3].T
+                xyz[row] = arms + T[:3, 3]
+                if known is not None:
+                    sigma[row] = np.hypot(self.sigma_mm[row], pose_sigma_mm(known, arms))
+        return replace(self, xyz_mm=xyz, sigma_mm=sigma, placement=placement)
+
+    def in_camera(self) -> PointCloud:
+        """Return the points in camera coordinates, as they were measured; σ stays as it is."""
+        if self.placement is None:
+            return self
+        T = self.placement.T_frame_camera
+        xyz = np.empty_like(self.xyz_mm)
+        with np.errstate(invalid="ignore", over="ignore"):
+            for row, points in enumerate(self.xyz_mm):
+                xyz[row] = (points.astype(np.float64) - T[:3, 3]) @ T[:3, :3]
+        return replace(self, xyz_mm=xyz, placement=None)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -136,3 +216,17 @@ class PointCloud(Noted, Sectioned, Labelled, Frozen):
         of the extras has it.
         """
         return exchange().open3d_cloud(self)
+
+
+def need_camera_frame(cloud: PointCloud, use: str) -> None:
+    """Refuse points that are not in camera coordinates.
+
+    Raises
+    ------
+    InputError that says what they were for.
+    """
+    if cloud.placement is not None:
+        raise InputError(
+            f"cloud: expected points in camera coordinates for {use}, got those of "
+            f"{cloud.placement.frame}; take them before they are transformed, or in_camera()"
+        )

@@ -11,6 +11,9 @@ from ..surface.camera_blur import (
 from .closing import (
     closed_mesh as closed_mesh,
 )
+from .standing import (
+    stand_mesh as stand_mesh,
+)
 from .board_views import (
     BoardPose as BoardPose,
     board_pose as board_pose,

@@ -17,6 +17,7 @@ from fringeworks.types import (
     InputError,
     PointCloud,
     Reason,
+    need_camera_frame,
 )
 from fringeworks.views.poses import ViewPose, from_twist
 
@@ -83,6 +84,7 @@ def board_pose(cloud: PointCloud, board: Board) -> BoardPose:
     The rigid transform minimises the weighted squares. Errors of the calibration are taken to be
     the same all over the board.
     """
+    need_camera_frame(cloud, "the pose of a board")
     if cloud.colour is None:
         raise InputError("cloud: expected brightness to find the board in, got none")
     image = cloud.colour if cloud.colour.ndim == 2 else cloud.colour.mean(axis=2)

@@ -97,15 +97,18 @@ def surface_points(cloud: PointCloud, *, blur_px: float = USUAL_BLUR_PX) -> Surf
 
     Returns
     -------
-    SurfacePoints in camera coordinates. σ along the ray becomes σ along the normal by the cosine
-    between the two. Where blur was not removed, the error by it is added. Points beside a missing
-    pixel or a step in depth are left out: their light is mixed with that of another surface or of a
-    shadow (``inside_surface``).
+    SurfacePoints in the coordinates of the cloud. σ along the ray becomes σ along the normal by the
+    cosine between the two. Where blur was not removed, the error by it is added. Points beside a
+    missing pixel or a step in depth are left out: their light is mixed with that of another surface
+    or of a shadow (``inside_surface``).
 
     Raises
     ------
     InputError for fewer than 200 such points.
     """
+    if cloud.placement is not None:
+        here = surface_points(cloud.in_camera(), blur_px=blur_px)
+        return here.moved(cloud.placement.T_frame_camera)
     turned = normals(cloud)
     with np.errstate(invalid="ignore"):
         facing = -np.sum(turned * cloud.xyz_mm, axis=-1) / np.linalg.norm(cloud.xyz_mm, axis=-1)

@@ -26,6 +26,7 @@ from fringeworks.rig.calibration.calibrate import Calibration
 from fringeworks.rig.calibration.diagnosis import coverage, diagnose, pose_figures
 from fringeworks.rig.calibration.verdict import verdict
 from fringeworks.types import RIG_PARAMETERS
+from fringeworks.types.numbers import estimate, number, percent
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
@@ -71,22 +72,23 @@ def figures(calibration: Calibration) -> dict[str, Any]:
 def words(_: Calibration, figures: dict[str, Any]) -> Iterator[Word]:
     """Parameters, poses and findings of a calibration."""
     for name, entry in figures["parameters"].items():
-        yield f"{name:14s} {entry['value']:12.5f} ± {entry['sigma']:.5f}"
-    yield (f"baseline       {figures['baseline_mm']:12.5f} ± {figures['baseline_sigma_mm']:.5f} mm")
+        yield f"{name:14s} {estimate(entry['value'], entry['sigma'])}"
+    baseline = estimate(figures["baseline_mm"], figures["baseline_sigma_mm"], "mm")
+    yield f"{'baseline':14s} {baseline}"
     yield "pose            corners   camera  projector  predicted by the others (rms, px)"
     for row in figures["poses"]:
         predicted = row["predicted_rms_px"]
         yield (
             f"{row['pose']:14s} {row['corners']:4d}/{row['corners_found']:<4d} "
-            f"{row['camera_rms_px']:7.3f} {row['projector_rms_px']:8.3f}   "
-            + ("–" if predicted is None else f"{predicted:.3f}")
+            f"{number(row['camera_rms_px']):>7s} {number(row['projector_rms_px']):>8s}   "
+            + number(predicted)
         )
     yield (
-        f"reprojection: camera {figures['camera_rms_px']:.3f} px, "
-        f"projector {figures['projector_rms_px']:.3f} px"
+        f"reprojection: camera {number(figures['camera_rms_px'])} px, "
+        f"projector {number(figures['projector_rms_px'])} px"
     )
     if figures["camera_blur_px"] is not None:
-        yield f"camera's blur: {figures['camera_blur_px']:.2f} px, removed by `measure`"
+        yield f"camera's blur: {number(figures['camera_blur_px'])} px, removed by `measure`"
     yield from finding_words(figures)
     yield f"verdict: {figures['verdict']['text']} (one standard deviation, calibration alone)"
 
@@ -115,9 +117,12 @@ def chapter(result: Calibration, context: Context) -> Chapter:
                     ("reprojection, camera", with_unit(values["camera_rms_px"], "px")),
                     ("reprojection, projector", with_unit(values["projector_rms_px"], "px")),
                     ("camera's blur", with_unit(values["camera_blur_px"], "px")),
-                    ("camera's frame covered", f"{values['camera_coverage']:.0%}"),
-                    ("projector's frame covered", f"{values['projector_coverage']:.0%}"),
-                    ("baseline", with_unit(values["baseline_mm"], "mm")),
+                    ("camera's frame covered", percent(values["camera_coverage"])),
+                    ("projector's frame covered", percent(values["projector_coverage"])),
+                    (
+                        "baseline",
+                        with_unit(values["baseline_mm"], "mm", values["baseline_sigma_mm"]),
+                    ),
                     ("converged", values["converged"]),
                 ]
             ),

@@ -11,13 +11,17 @@ import numpy as np
 from fringeworks.files.findings import findings_as_dicts
 from fringeworks.pipeline.cameras import MultiMeasurement
 from fringeworks.report.kind import Kind, Word, describe
-from fringeworks.report.sheets import Panel, Sheet, percent, titled
+from fringeworks.report.sheets import Panel, Sheet, titled
 from fringeworks.report.summary import finding_words, origin, told
 from fringeworks.rig.calibration.cameras import MultiCalibration
 from fringeworks.rig.calibration.diagnosis import few_corners, skipped_poses
 from fringeworks.rig.camera_findings import difference_histogram
 from fringeworks.rig.camera_points import CameraPoints
 from fringeworks.types import FloatMap, Reason, count_reasons, multi_rig_parameters
+from fringeworks.types.numbers import number, percent, sigma_text
+
+PLACE_DIGITS = 5
+"""Significant digits of places of cameras, mm: a metre to a tenth of a millimetre."""
 
 
 def calibration_figures(calibration: MultiCalibration) -> dict[str, Any]:
@@ -64,19 +68,19 @@ def calibration_figures(calibration: MultiCalibration) -> dict[str, Any]:
 def calibration_words(_: MultiCalibration, figures: dict[str, Any]) -> Iterator[Word]:
     """The cameras, and how well poses predict each other."""
     for camera in figures["cameras"]:
-        x, y, z = camera["place_mm"]
+        place = ", ".join(number(v, digits=PLACE_DIGITS) for v in camera["place_mm"])
         yield (
             f"camera {camera['number']}: {len(camera['poses'])} poses, reprojection "
-            f"{camera['rms_px']:.3f} px, at ({x:.2f}, {y:.2f}, {z:.2f}) mm"
+            f"{number(camera['rms_px'])} px, at ({place}) mm"
         )
-    yield f"projector: reprojection {figures['projector_rms_px']:.3f} px"
+    yield f"projector: reprojection {number(figures['projector_rms_px'])} px"
     for name, value in figures["predicted_rms_px"].items():
-        yield f"{name}: predicted by the others to {value:.3f} px rms"
+        yield f"{name}: predicted by the others to {number(value)} px rms"
     yield from finding_words(figures)
     if figures["sigma_inflation"] > 1.0:
         yield (
-            f"standard deviations are raised by {figures['sigma_inflation']:.2f}, because poses "
-            "disagree by more than their corners explain"
+            f"standard deviations are raised by {number(figures['sigma_inflation'])}, because "
+            "poses disagree by more than their corners explain"
         )
 
 
@@ -139,30 +143,31 @@ def point_words(_: MultiMeasurement, figures: dict[str, Any]) -> Iterator[Word]:
             if pair["points"]:
                 yield (
                     f"   with {name}: {pair['points']} points, median σ "
-                    f"{pair['median_sigma_mm']:.4f} mm, mean weight {pair['mean_weight']:.2f}"
+                    f"{sigma_text(pair['median_sigma_mm'])} mm, mean weight "
+                    f"{number(pair['mean_weight'])}"
                 )
     if figures["points"]:
-        yield f"{figures['points']} points, median σ {figures['median_sigma_mm']:.4f} mm"
+        yield f"{figures['points']} points, median σ {sigma_text(figures['median_sigma_mm'])} mm"
 
 
 def picture(found: MultiMeasurement, name: str | None) -> Sheet:
     """A row of maps for every camera: depth, σ and disagreement."""
     panels, facts = [], []
-    for number, seen in enumerate(found.cameras, 1):
+    for k, seen in enumerate(found.cameras, 1):
         cloud = seen.points
         sigmas = seen.difference_sigmas
         apart = sigmas[np.isfinite(sigmas)]
         confirmed = float(np.mean(seen.matched[cloud.reason == Reason.OK]))
-        usual = f"{np.sqrt(np.mean(apart**2)):.2g} σ rms" if apart.size else "none"
+        usual = f"{number(float(np.sqrt(np.mean(apart**2))))} σ rms" if apart.size else "none"
         facts.append(
-            f"camera {number}: {percent(1.0 - cloud.failed_fraction)} measured   ·   "
+            f"camera {k}: {percent(1.0 - cloud.failed_fraction)} measured   ·   "
             f"{percent(confirmed)} of them confirmed by another camera   ·   difference {usual}"
         )
         panels += [
-            Panel(f"camera {number}: depth z", cloud.xyz_mm[..., 2], "depth", "mm"),
-            Panel(f"camera {number}: σ along the ray", cloud.sigma_mm, "sigma", "mm"),
-            Panel(f"camera {number}: cameras less projector", seen.difference_mm, "values", "mm"),
-            Panel(f"camera {number}: the same over its σ", sigmas, "values", "σ"),
+            Panel(f"camera {k}: depth z", cloud.xyz_mm[..., 2], "depth", "mm"),
+            Panel(f"camera {k}: σ along the ray", cloud.sigma_mm, "sigma", "mm"),
+            Panel(f"camera {k}: cameras less projector", seen.difference_mm, "values", "mm"),
+            Panel(f"camera {k}: the same over its σ", sigmas, "values", "σ"),
         ]
     title = titled(name, "Points of several cameras")
     return Sheet(title, "\n".join(facts), panels, columns=4, findings=found.findings)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.report.display import plot
+from fringeworks.report.display import maps_of
 from fringeworks.report.kind import Kind, Word, describe
 from fringeworks.report.kinds.surface import itself
 from fringeworks.report.page.blocks import Block, Chapter, Picture
@@ -19,12 +19,14 @@ from fringeworks.report.page.parts import (
     findings_block,
     provenance_block,
     reasons_table,
+    sigma_with_unit,
     with_unit,
 )
 from fringeworks.report.page.surfaces import surface_block
 from fringeworks.report.sheets import REASONS, SIGMA, Panel, Sheet, map_facts, titled
 from fringeworks.report.summary import failures, finding_words, origin, told
 from fringeworks.types import CoordinateMap, Decoded, Reason, count_reasons
+from fringeworks.types.numbers import number, percent, sigma_text
 
 
 def figures(decoded: Decoded) -> dict[str, Any]:
@@ -63,10 +65,11 @@ def words(_: Decoded, figures: dict[str, Any]) -> Iterator[Word]:
             yield f"{axis}: no pixel could be measured ({failed})"
             continue
         yield (
-            f"{axis}: {found['minimum_px']:.1f} … {found['maximum_px']:.1f} px, "
-            f"median σ {found['median_sigma_px']:.3g} px"
+            f"{axis}: {number(found['minimum_px'], found['median_sigma_px'])} … "
+            f"{number(found['maximum_px'], found['median_sigma_px'])} px, median σ "
+            f"{sigma_text(found['median_sigma_px'])} px"
         )
-        yield f"   failed: {found['failed_fraction']:.2%} ({failed})"
+        yield f"   failed: {percent(found['failed_fraction'])} ({failed})"
 
 
 def _panels(found: CoordinateMap) -> list[Panel]:
@@ -121,8 +124,8 @@ def chapter(result: Decoded, context: Context) -> Chapter:
                 [
                     ("axis", f"{axis}, of the projector"),
                     ("periods", ", ".join(f"{p:g}" for p in found.periods_px) + " px"),
-                    ("measured pixels", f"{1 - found.failed_fraction:.2%}"),
-                    ("median σ", with_unit(one["median_sigma_px"], "px")),
+                    ("measured pixels", percent(1 - found.failed_fraction)),
+                    ("median σ", sigma_with_unit(one["median_sigma_px"], "px")),
                     ("median modulation", with_unit(one["median_modulation"], "counts")),
                 ]
             ),
@@ -130,7 +133,7 @@ def chapter(result: Decoded, context: Context) -> Chapter:
                 found,
                 replace(context, name=f"{context.name}, {axis}"),
                 f"Projector coordinate {axis} over the camera's pixels.",
-                lambda: plot(result, context.name),
+                lambda: maps_of(result),
             ),
             Picture(histogram(found.sigma_px, "σ / px"), "Distribution of σ."),
             reasons_table(found.reason),

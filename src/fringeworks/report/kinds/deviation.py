@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fringeworks.evaluate.deviation import Deviation
+from fringeworks.evaluate.inspect import Check, judge_deviation
 from fringeworks.evaluate.spots import find_spots
-from fringeworks.report.display import plot
+from fringeworks.report.display import maps_of
 from fringeworks.report.kind import Kind, Rows, Word, describe
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface
 from fringeworks.report.page.chapter import Context, judged_block
@@ -19,11 +20,15 @@ from fringeworks.report.page.parts import (
     facts,
     findings_block,
     provenance_block,
+    sigma_with_unit,
     with_unit,
 )
-from fringeworks.report.sheets import titled
+from fringeworks.report.page.surfaces import thinned_words, thinning
+from fringeworks.report.sheets import Sheet, titled
 from fringeworks.report.summary import origin, told
-from fringeworks.types import PointCloud, Reason
+from fringeworks.report.verdicts import COVERAGE
+from fringeworks.types import PointCloud, Reason, TriangleMesh
+from fringeworks.types.numbers import estimate, limit, number, percent, sigma_text
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
@@ -31,6 +36,9 @@ if TYPE_CHECKING:
 
 MOST_SPOTS = 50
 """Dents and bumps that a page lists; with more, the model does not describe the part."""
+PLACE_MM = 0.1
+"""Standard deviation that places of spots are shown with, mm: a place is the middle of an area of
+some pixels, and is shown to 0.01 mm."""
 SPOT_COLUMNS = ("x / mm", "y / mm", "z / mm", "deviation / mm", "± σ", "area / mm²")
 """Columns of the table of dents and bumps."""
 
@@ -60,48 +68,56 @@ def figures(found: Deviation) -> dict[str, Any]:
 def words(found: Deviation, figures: dict[str, Any]) -> Iterator[Word]:
     """Mean, rms, dents and bumps, and the share outside a tolerance."""
     sigma = figures["mean_sigma_mm"]
-    mean = f"{figures['mean_mm']:.4f} mm" + ("" if sigma is None else f" ± {sigma:.2g}")
-    yield f"{figures['points']} points; mean {mean}; rms {figures['rms_mm']:.4f} mm"
+    mean = estimate(figures["mean_mm"], sigma, "mm")
+    yield f"{figures['points']} points; mean {mean}; rms {number(figures['rms_mm'], unit='mm')}"
     if figures["median_sigma_mm"] is not None:
-        yield f"median σ of a point {figures['median_sigma_mm']:.4f} mm"
+        yield f"median σ of a point {sigma_text(figures['median_sigma_mm'], 'mm')}"
         spots = find_spots(found)
         if spots:
             rows = [
                 [
-                    *(f"{v:.2f}" for v in spot.place_mm),
-                    f"{spot.depth_mm:+.4f}",
-                    f"{spot.sigma_mm:.2g}",
-                    f"{spot.area_mm2:.3g}",
+                    *(number(v, PLACE_MM) for v in spot.place_mm),
+                    number(spot.depth_mm, spot.sigma_mm, signed=True),
+                    sigma_text(spot.sigma_mm),
+                    number(spot.area_mm2),
                 ]
                 for spot in spots
             ]
             yield Rows(SPOT_COLUMNS, rows)
     if "outside_share" in figures:
         sure = figures["surely_outside_share"]
-        surely = "" if sure is None else f", {sure:.2%} surely (by 2 σ)"
-        yield f"{figures['outside_share']:.2%} outside the tolerance{surely}"
+        surely = "" if sure is None else f", {percent(sure)} surely (by 2 σ)"
+        yield f"{percent(figures['outside_share'])} outside the tolerance{surely}"
+    if "verdict" in figures:
+        why = figures["why"]
+        yield f"{figures['verdict']}: {why}" if why else figures["verdict"]
     yield from found.findings
 
 
-def picture(found: Deviation, name: str | None) -> Figure:
+def picture(found: Deviation, name: str | None) -> Figure | Sheet:
     """The deviation, its σ, and the ratio of the two."""
-    from fringeworks.report.deviation_picture import deviation_picture  # which needs Matplotlib
+    from fringeworks.report.deviation_picture import deviation_sheet, of_points  # needs Matplotlib
 
-    return deviation_picture(titled(name, "Deviation from the model"), found)
+    title = titled(name, "Deviation from the model")
+    if isinstance(found.part, PointCloud):
+        return deviation_sheet(title, found)
+    return of_points(title, found)
 
 
 def chapter(result: Deviation, context: Context) -> Chapter:
     """Figures, the surface to turn, and dents and bumps."""
     values = figures(result)
-    alignment = result.alignment
+    alignment, check = result.alignment, judge_deviation(result, context.rig)
+    if check is not None:
+        context.verdicts.append(check.verdict)
     rows = [
+        *_judged(result, check, values),
         ("points", f"{values['points']:,}"),
-        ("mean", with_unit(values["mean_mm"], "mm")),
-        ("σ of the mean", with_unit(values["mean_sigma_mm"], "mm")),
+        ("mean", estimate(values["mean_mm"], values["mean_sigma_mm"], "mm")),
         ("rms", with_unit(values["rms_mm"], "mm")),
-        ("median σ of a point", with_unit(values["median_sigma_mm"], "mm")),
-        ("smallest", with_unit(values["smallest_mm"], "mm")),
-        ("largest", with_unit(values["largest_mm"], "mm")),
+        ("median σ of a point", sigma_with_unit(values["median_sigma_mm"], "mm")),
+        ("smallest", with_unit(values["smallest_mm"], "mm", values["median_sigma_mm"])),
+        ("largest", with_unit(values["largest_mm"], "mm", values["median_sigma_mm"])),
         ("aligned by", alignment.by),
         ("alignment converged", alignment.converged),
         ("rms of the alignment", with_unit(alignment.rms_mm, "mm")),
@@ -127,24 +143,64 @@ def _shown(result: Deviation, context: Context) -> tuple[Block, ...]:
     """The surface to turn with the deviation as its colour; points without a frame as a picture."""
     cloud = result.part
     if not isinstance(cloud, PointCloud):
-        return (Picture(plot(result, context.name), "The deviation from the model."),)
+        return (Picture(maps_of(result), "The deviation from the model."),)
 
     def pack() -> PackedSurface:
+        from fringeworks.report.deviation_picture import flags_of, scaled  # needs Matplotlib
         from fringeworks.report.viewer.pack import pack_surface  # for those only who turn it
 
         return pack_surface(
             cloud,
             camera=context.rig,
             deviation=result.distance_mm,
+            limits=scaled(result)[1],
+            model=in_part(result),
+            flags=flags_of(result),
             title=context.name,
-            every=context.every,
+            own_notes=False,
+            every=thinning(cloud, context.every),
         )
 
-    caption = "The deviation from the model, with its standard deviation."
+    from fringeworks.report.deviation_picture import flagged_map  # needs Matplotlib
+
+    caption = "The deviation from the model, which is grey; flags are dents and bumps."
+    caption += thinned_words(cloud, context.every)
+    more = "The deviation, its standard deviation, and the ratio of the two."
     return (
-        Surface((pack,), caption, lambda: plot(result, context.name)),
-        Picture(plot(result, context.name), caption),
+        Surface((pack,), caption, lambda: flagged_map(result)),
+        Picture(maps_of(result), more),
     )
+
+
+def in_part(result: Deviation) -> TriangleMesh:
+    """The model in the part's coordinates, where the viewer shows it."""
+    T, model = np.linalg.inv(result.alignment.T_model_part), result.model
+    placed = np.asarray(model.vertices_mm, np.float64) @ T[:3, :3].T + T[:3, 3]
+    return TriangleMesh(placed.astype(np.float32), model.faces)
+
+
+def _judged(
+    result: Deviation, check: Check | None, values: dict[str, Any]
+) -> list[tuple[str, Any]]:
+    """The tolerance, what lies outside of it, and the verdict."""
+    if result.tolerance_mm is None:
+        return []
+    rows = [
+        ("tolerance", f"±{limit(result.tolerance_mm)} mm"),
+        ("outside the tolerance", percent(values["outside_share"])),
+    ]
+    if values["surely_outside_share"] is not None:
+        rows.append(("surely outside (by 2 σ)", percent(values["surely_outside_share"])))
+    if check is None:
+        return rows
+    wide = number(COVERAGE * check.sigma, check.sigma, "mm")
+    largest = f"{number(check.value, check.sigma, 'mm')}, U = {wide}"
+    verdict = f"{check.verdict}: {check.why}" if check.why else check.verdict
+    return [
+        *rows,
+        ("largest deviation that counts", largest),
+        ("verdict", verdict),
+    ]
 
 
 def _spots(result: Deviation) -> tuple[Block, ...]:

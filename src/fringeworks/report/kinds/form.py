@@ -12,6 +12,11 @@ from fringeworks.report.page.chapter import Context, judged_block
 from fringeworks.report.page.charts import histogram
 from fringeworks.report.page.parts import facts, findings_block, provenance_block
 from fringeworks.report.summary import finding_words, origin, told
+from fringeworks.types.numbers import number
+
+DIGITS = 5
+"""Significant digits of places and sizes of bodies, whose σ is not stated beside each: a radius of
+25 mm to a micrometre."""
 
 
 def figures(evaluation: FormEvaluation) -> dict[str, Any]:
@@ -25,15 +30,15 @@ def words(_: FormEvaluation, figures: dict[str, Any]) -> Iterator[Word]:
     for body in figures["bodies"]:
         for name, value in body.items():
             if isinstance(value, list):
-                shown = ", ".join(f"{v:.5f}" for v in value)
+                shown = ", ".join(number(v, digits=DIGITS) for v in value)
             elif isinstance(value, float):
-                shown = f"{value:.5f}"
+                shown = number(value, digits=DIGITS)
             else:
                 shown = str(value)
             yield f"{name:28s} {shown}"
     for name in ("sphere_spacing_mm", "sphere_spacing_error_SD_mm"):
         if name in figures:
-            yield f"{name:28s} {figures[name]:.5f}"
+            yield f"{name:28s} {number(figures[name], digits=DIGITS)}"
 
 
 def chapter(result: FormEvaluation, context: Context) -> Chapter:

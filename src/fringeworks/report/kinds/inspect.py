@@ -3,16 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fringeworks.evaluate.inspect import Check, Inspection
+from fringeworks.evaluate.inspect import Check, Inspection, recipe_hash
+from fringeworks.report.display import maps_of
 from fringeworks.report.kind import Kind, Rows, Word, describe
+from fringeworks.report.page.blocks import Block, Chapter, Picture, Table, Text
+from fringeworks.report.page.chapter import Context, judged_block
+from fringeworks.report.page.parts import (
+    facts,
+    findings_block,
+    provenance_block,
+    reasons_table,
+)
+from fringeworks.report.page.surfaces import surface_block
+from fringeworks.report.sheets import titled
 from fringeworks.report.summary import summarise, told
+from fringeworks.report.verdicts import COVERAGE
+from fringeworks.types import HeightMap
+from fringeworks.types.numbers import UNKNOWN, limit, number, percent, sigma_text
+
+if TYPE_CHECKING:
+    from fringeworks.report.drawing import Figure
 
 COLUMNS = ("tolerance", "value", "± σ", "limits", "verdict")
-"""Columns of the table of checks."""
+"""Columns of the table of checks in the terminal."""
+REPORT_COLUMNS = ("tolerance", "measured", "nominal", "min", "max", "value", "U (k = 2)", "verdict")
+"""Columns of the table of checks in a report."""
+MOST_PICTURES = 60
+"""Tolerances whose areas a report draws: a drawing has fewer."""
 
 
 def figures(inspection: Inspection) -> dict[str, Any]:
@@ -25,6 +46,7 @@ def figures(inspection: Inspection) -> dict[str, Any]:
             "value": check.value if np.isfinite(check.value) else None,
             "sigma": check.sigma if np.isfinite(check.sigma) else None,
             "unit": check.unit,
+            "nominal": check.tolerance.target,
             "smallest": check.tolerance.low,
             "largest": check.tolerance.high,
             "verdict": check.verdict,
@@ -49,15 +71,111 @@ def words(inspection: Inspection, _: dict[str, Any]) -> Iterator[Word]:
 
 def _row(check: Check) -> list[str]:
     one = check.tolerance
-    low, high = ("" if v is None else f"{v:g}" for v in (one.low, one.high))
-    measured = check.value == check.value  # not NaN
+    low, high = ("" if v is None else limit(v) for v in (one.low, one.high))
     return [
         one.name,
-        f"{check.value:.5g} {check.unit}" if measured else "–",
-        f"{check.sigma:.2g}" if measured else "–",
+        number(check.value, check.sigma, check.unit),
+        sigma_text(check.sigma),
         f"{low} … {high}",
         f"{check.verdict}: {check.why}" if check.why else check.verdict,
     ]
 
 
-describe(Inspection, Kind(figures, words))
+def picture(inspection: Inspection, name: str | None) -> Figure:
+    """The part with its areas, and the values between their limits."""
+    from fringeworks.report.inspection_picture import inspection_picture  # needs Matplotlib
+
+    return inspection_picture(titled(name, "Inspection"), inspection)
+
+
+def chapter(result: Inspection, context: Context) -> Chapter:
+    """Tolerances with their verdicts and areas, then the surface."""
+    context.verdicts.extend(check.verdict for check in result.checks)
+    surface, recipe = result.surface, result.recipe
+    values = figures(result)
+    rows = [
+        ("measured pixels", percent(1.0 - surface.failed_fraction)),
+        ("median σ of a pixel", _usual_sigma(result)),
+        ("risk of a wrong decision", percent(recipe.risk)),
+        ("recipe", f"sha256 {recipe_hash(recipe)}"),
+    ]
+    caption = "The part; pixels outside the recipe's area are left out."
+    return Chapter(
+        context.name,
+        (
+            *_tolerances(result),
+            facts(rows),
+            *judged_block(values, context),
+            *_areas(result),
+            surface_block(surface, context, caption, lambda: maps_of(surface)),
+            *findings_block(values["findings"]),
+            reasons_table(surface.reason),
+            *provenance_block(surface.provenance),
+        ),
+    )
+
+
+def _usual_sigma(result: Inspection) -> str:
+    surface = result.surface
+    sigma = surface.sigma if isinstance(surface, HeightMap) else surface.sigma_mm
+    known = sigma[np.isfinite(sigma)]
+    unit = surface.unit if isinstance(surface, HeightMap) else "mm"
+    return sigma_text(float(np.median(known)), unit) if known.size else UNKNOWN
+
+
+def _tolerances(result: Inspection) -> tuple[Block, ...]:
+    """Every tolerance: nominal, limits, value, U and verdict."""
+    if not result.checks:
+        return (Text("Nothing is judged: the recipe has no tolerances."),)
+    verdicts = [check.verdict for check in result.checks]
+    table = Table(
+        REPORT_COLUMNS,
+        tuple(_report_row(check) for check in result.checks),
+        "Tolerances",
+        bad=tuple(k for k, verdict in enumerate(verdicts) if verdict == "fail"),
+        doubtful=tuple(k for k, verdict in enumerate(verdicts) if verdict == "undecided"),
+    )
+    return (table, Text(_decision(result.recipe.risk)))
+
+
+def _report_row(check: Check) -> tuple[str, ...]:
+    one = check.tolerance
+    what = f"{one.quantity.replace('_', ' ')}: {', '.join(one.areas)}"
+    nominal, low, high = (limit(v) for v in (one.target, one.low, one.high))
+    value = number(check.value, check.sigma, check.unit)
+    wide = number(COVERAGE * check.sigma, check.sigma, check.unit)
+    verdict = f"{check.verdict}: {check.why}" if check.why else check.verdict
+    return one.name, what, nominal, low, high, value, wide, verdict
+
+
+def _decision(risk: float) -> str:
+    return (
+        "U is the expanded uncertainty of the value, two standard deviations. A value passes or "
+        f"fails where the probability of a wrong decision is at most {percent(risk)} (guard band, "
+        "ISO 14253-1); between, it is undecided."
+    )
+
+
+def _areas(result: Inspection) -> tuple[Block, ...]:
+    """A picture of each tolerance: its areas, and its value between its limits."""
+    from fringeworks.report.inspection_picture import area_picture, backdrop  # needs Matplotlib
+
+    part = backdrop(result.surface)
+    pictures = []
+    for check in result.checks[:MOST_PICTURES]:
+        one = check.tolerance
+        what = one.quantity.replace("_", " ")
+        caption = (
+            f"{one.name}: {what} of {' and '.join(one.areas)}. Green: allowed; orange: too close "
+            "to a limit to decide; the bar is U."
+        )
+        pictures.append(Picture(area_picture(result, check, part), caption))
+    return tuple(pictures)
+
+
+def itself(inspection: Inspection) -> Any:
+    """The surface that was judged."""
+    return inspection.surface
+
+
+describe(Inspection, Kind(figures, words, picture, chapter, itself))

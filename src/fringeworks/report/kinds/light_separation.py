@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from fringeworks.report.kind import Kind, Word, describe
-from fringeworks.report.sheets import REASONS, Panel, Sheet, map_facts, percent, titled
+from fringeworks.report.sheets import REASONS, Panel, Sheet, map_facts, titled
 from fringeworks.report.summary import failures, finding_words, origin, told
 from fringeworks.stack.light_separation import LightSeparation
 from fringeworks.types import Reason, count_reasons
+from fringeworks.types.numbers import number, percent, sigma_text
 
 
 def figures(light: LightSeparation) -> dict[str, Any]:
@@ -44,16 +45,17 @@ def words(_: LightSeparation, figures: dict[str, Any]) -> Iterator[Word]:
         yield f"light: no pixel could be measured ({failed})"
         return
     yield (
-        f"indirect light: {figures['indirect_share']:.1%} of all light; median "
-        f"{figures['median_indirect']:.3g} counts, σ {figures['median_indirect_sigma']:.2g}; "
-        f"direct {figures['median_direct']:.3g} counts"
+        f"indirect light: {percent(figures['indirect_share'])} of all light; median "
+        f"{number(figures['median_indirect'])} counts, "
+        f"σ {sigma_text(figures['median_indirect_sigma'])}; "
+        f"direct {number(figures['median_direct'])} counts"
     )
     if not figures["has_black"]:
         yield (
             "note: the plan has no black frame, so indirect light contains twice the light of "
             "the room and the black level"
         )
-    yield f"   failed: {figures['failed_fraction']:.2%} ({failed})"
+    yield f"   failed: {percent(figures['failed_fraction'])} ({failed})"
 
 
 def picture(light: LightSeparation, name: str | None) -> Sheet:
@@ -68,7 +70,7 @@ def picture(light: LightSeparation, name: str | None) -> Sheet:
             light.indirect_sigma,
             "counts",
             f"indirect share of all light {percent(light.indirect_share)}",
-            f"fringe period {light.period_px:.4g} projector px",
+            f"fringe period {number(light.period_px, digits=4)} projector px",
         ),
         [
             Panel("direct light", light.direct, "grey", "counts"),

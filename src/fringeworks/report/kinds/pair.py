@@ -10,6 +10,7 @@ from fringeworks.report.page.blocks import Chapter
 from fringeworks.report.page.chapter import Context
 from fringeworks.report.sheets import REASONS, SIGMA, Panel, Sheet, map_facts, titled
 from fringeworks.types import DisplacementMap, HeightMap
+from fringeworks.types.numbers import number
 
 
 def edges(found: DisplacementMap) -> list[Panel]:
@@ -30,7 +31,7 @@ def picture(found: DisplacementMap, name: str | None) -> Sheet:
             float(np.mean(np.isfinite(found.displacement_px))),
             found.sigma_px,
             "px",
-            f"fringe period {found.period_px:.4g} px",
+            f"fringe period {number(found.period_px, digits=4)} px",
             f"method {found.method}",
         ),
         [

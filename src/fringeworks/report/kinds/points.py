@@ -11,7 +11,7 @@ from fringeworks.report.kinds.surface import itself
 from fringeworks.report.page.blocks import Chapter, Picture
 from fringeworks.report.page.chapter import Context, judged_block
 from fringeworks.report.page.charts import histogram
-from fringeworks.report.page.parts import facts, findings_block, provenance_block, with_unit
+from fringeworks.report.page.parts import facts, findings_block, provenance_block, sigma_with_unit
 from fringeworks.report.page.surfaces import surface_block
 from fringeworks.report.summary import origin, told
 from fringeworks.types import Points, TriangleMesh
@@ -34,7 +34,7 @@ def chapter(points: Points, context: Context) -> Chapter:
     values = figures(points)
     rows = [
         ("points", f"{len(xyz):,}"),
-        ("median σ", with_unit(values["median_sigma_mm"], "mm")),
+        ("median σ", sigma_with_unit(values["median_sigma_mm"], "mm")),
     ]
     chart = histogram(xyz[:, 2], "z / mm", what="points")
     return Chapter(

@@ -8,6 +8,7 @@ from typing import Any
 from fringeworks.report.kind import Kind, describe
 from fringeworks.report.summary import origin
 from fringeworks.signal.response import Response
+from fringeworks.types.numbers import number
 
 
 def figures(response: Response) -> dict[str, Any]:
@@ -25,8 +26,8 @@ def figures(response: Response) -> dict[str, Any]:
 def words(response: Response, _: dict[str, Any]) -> Iterator[str]:
     """γ and what the correction leaves."""
     yield (
-        f"γ = {response.gamma:.3f}; residual phase error after correction "
-        f"{response.residual_rad:.4f} rad rms"
+        f"γ = {number(response.gamma)}; residual phase error after correction "
+        f"{number(response.residual_rad)} rad rms"
     )
 
 

@@ -7,13 +7,17 @@ import numpy as np
 from fringeworks.report.kind import Kind, describe
 from fringeworks.report.page.blocks import Chapter
 from fringeworks.report.page.chapter import Context, judged_block
-from fringeworks.report.page.parts import dict_table, estimate, facts, provenance_block
+from fringeworks.report.page.parts import dict_table, facts, provenance_block
 from fringeworks.types import RIG_PARAMETERS, Pinhole, Rig
+from fringeworks.types.numbers import number, sigma_text
+
+DIGITS = 6
+"""Significant digits of a parameter whose σ is not known: a focal length of 2000 px to 0.01 px."""
 
 
 def parameter_row(name: str, value: float, sigma: float | None) -> dict[str, object]:
     """A row of the table of parameters."""
-    return {"parameter": name, "value": estimate(value, sigma), "σ": sigma}
+    return {"parameter": name, "value": number(value, sigma, digits=DIGITS), "σ": sigma_text(sigma)}
 
 
 def chapter(rig: Rig, context: Context) -> Chapter:

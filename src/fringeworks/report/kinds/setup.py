@@ -18,6 +18,7 @@ from fringeworks.report.page.parts import facts, findings_block
 from fringeworks.scan.exposure_proof import ExposureProof
 from fringeworks.scan.setup import Setup, SetupTests
 from fringeworks.types import Delay
+from fringeworks.types.numbers import number, sigma_text
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
@@ -152,17 +153,17 @@ def words(_: SetupTests, figures: dict[str, Any]) -> Iterator[str | Rows]:
         yield f"camera {figures['camera']}: {_exposure_words(exposure)}"
     if figures["noise"] is not None:
         noise = figures["noise"]
-        yield f"noise: {noise['read_counts']:.2g} counts, gain {noise['gain']:.2g}"
+        yield f"noise: {number(noise['read_counts'])} counts, gain {number(noise['gain'])}"
     if response is not None:
         yield (
-            f"response: light ≈ level^{response['gamma']:.2f}, white {response['contrast']:.3g} "
-            "times as bright as black"
+            f"response: light ≈ level^{number(response['gamma'])}, white "
+            f"{number(response['contrast'])} times as bright as black"
         )
     for axis, stripes in figures["stripes"].items():
         yield (
             f"stripes along {axis}: best period {stripes['min_period_px']:g} px; a camera pixel "
-            f"spans {stripes['camera_pixel_px']:.2g} projector px, blur {stripes['blur_px']:.2g} "
-            "camera px"
+            f"spans {number(stripes['camera_pixel_px'])} projector px, blur "
+            f"{number(stripes['blur_px'])} camera px"
         )
     for name in ("vignetting", "pixel_grid", "delay"):
         if figures[name] is not None:
@@ -171,7 +172,8 @@ def words(_: SetupTests, figures: dict[str, Any]) -> Iterator[str | Rows]:
         plan = figures["plan"]
         if figures["finest_cell_px"] is not None:
             yield f"finest Gray-code cell that the camera resolves: {figures['finest_cell_px']} px"
-        yield (f"proposed plan: {plan['summary']}; predicted σ {plan['predicted_sigma_px']:.2g} px")
+        predicted = sigma_text(plan["predicted_sigma_px"], "px")
+        yield f"proposed plan: {plan['summary']}; predicted σ {predicted}"
     found = figures["findings"]
     if not found:
         if "plan" in figures:
@@ -189,9 +191,9 @@ def _exposure_words(exposure: dict[str, Any]) -> str:
     """Exposure and gain, and where they come from."""
     parts = []
     if exposure["exposure_ms"] is not None:
-        parts.append(f"exposure {exposure['exposure_ms']:.3g} ms")
+        parts.append(f"exposure {number(exposure['exposure_ms'])} ms")
     if exposure["gain_db"] is not None:
-        parts.append(f"gain {exposure['gain_db']:.1f} dB")
+        parts.append(f"gain {number(exposure['gain_db'])} dB")
     chosen = ", chosen for fringes" if exposure["chosen"] else ""
     return (", ".join(parts) or "exposure unknown") + chosen
 

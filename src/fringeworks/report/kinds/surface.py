@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.report.display import plot
+from fringeworks.report.display import maps_of, plot
 from fringeworks.report.kind import Kind, Word, describe
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Text
 from fringeworks.report.page.chapter import Context, judged_block
@@ -17,6 +17,7 @@ from fringeworks.report.page.parts import (
     findings_block,
     provenance_block,
     reasons_table,
+    sigma_with_unit,
     with_unit,
 )
 from fringeworks.report.page.surfaces import surface_block
@@ -24,6 +25,7 @@ from fringeworks.report.sheets import REASONS, SIGMA, Panel, Sheet, map_facts, t
 from fringeworks.report.summary import failures, finding_words, origin, told
 from fringeworks.surface.cloud import normals
 from fringeworks.types import (
+    CAMERA_FRAME,
     FloatMap,
     HeightMap,
     InputError,
@@ -31,6 +33,7 @@ from fringeworks.types import (
     Reason,
     count_reasons,
 )
+from fringeworks.types.numbers import number, percent, sigma_text
 
 LIGHT = (-0.5, -0.5, -0.7)
 """Direction towards the lamp of a shaded surface, in camera coordinates: from the upper left, as
@@ -90,17 +93,17 @@ def height_words(_: object, figures: dict[str, Any]) -> Iterator[Word]:
         beside = ""
         if shared is not None:
             own = max(own**2 - shared**2, 0.0) ** 0.5
-            beside = f", beside {shared:.2g} {unit} that all pixels share"
+            beside = f", beside {sigma_text(shared)} {unit} that all pixels share"
         yield (
-            f"{figures['quantity']}: {figures['minimum']:.4g} … {figures['maximum']:.4g} {unit}, "
-            f"median σ {own:.2g} {unit}{beside}"
+            f"{figures['quantity']}: {number(figures['minimum'], own)} … "
+            f"{number(figures['maximum'], own)} {unit}, median σ {sigma_text(own)} {unit}{beside}"
         )
-    yield f"failed: {figures['failed_fraction']:.2%} ({failures(figures['reasons'])})"
+    yield f"failed: {percent(figures['failed_fraction'])} ({failures(figures['reasons'])})"
     if "errors" in figures:
         e = figures["errors"]
         yield (
-            f"against the truth: mean |error| {e['mean_abs_error_mm']:.4g} mm, "
-            f"s.d. {e['std_error_mm']:.4g} mm"
+            f"against the truth: mean |error| {number(e['mean_abs_error_mm'])} mm, "
+            f"s.d. {number(e['std_error_mm'])} mm"
         )
 
 
@@ -109,9 +112,9 @@ def height_sheet(surface: HeightMap, name: str | None, *more: Panel) -> Sheet:
     heights = surface.quantity == "height"
     title = "Height above the reference plane" if heights else "Displacement of the fringes"
     method = f"method {surface.method}" if surface.method else ""
-    pitch = f"{surface.pitch:.3g} mm/px" if heights and surface.pitch is not None else ""
+    pitch = f"{number(surface.pitch)} mm/px" if heights and surface.pitch is not None else ""
     shared, sigma = shared_sigma(surface), _sigma_of_pixels(surface)
-    beside = "" if shared is None else f", beside {shared:.2g} px in common"
+    beside = "" if shared is None else f", beside {sigma_text(shared)} px in common"
     return Sheet(
         titled(name, title),
         map_facts(1.0 - surface.failed_fraction, sigma, surface.unit, pitch, method),
@@ -133,13 +136,19 @@ def height_chapter(
     context: Context,
 ) -> Chapter:
     """The chapter of a height map, or of the result that it is in."""
-    unit = surface.unit
+    unit, usual = surface.unit, values["median_sigma"]
     rows = [
         ("method", surface.method or None),
-        ("measured pixels", f"{1 - surface.failed_fraction:.2%}"),
-        (f"{surface.quantity}, smallest", with_unit(values["minimum"], unit)),
-        (f"{surface.quantity}, largest", with_unit(values["maximum"], unit)),
-        ("median σ", with_unit(values["median_sigma"], unit)),
+        ("measured pixels", percent(1 - surface.failed_fraction)),
+        (
+            f"{surface.quantity}, smallest",
+            with_unit(values["minimum"], unit, usual),
+        ),
+        (
+            f"{surface.quantity}, largest",
+            with_unit(values["maximum"], unit, usual),
+        ),
+        ("median σ", sigma_with_unit(usual, unit)),
         ("converged", surface.converged),
     ]
     return Chapter(
@@ -151,7 +160,7 @@ def height_chapter(
                 result,
                 context,
                 f"The {surface.quantity} with its standard deviation and reasons.",
-                lambda: plot(result, context.name),
+                lambda: maps_of(result),
             ),
             *findings_block(values["findings"]),
             *_profiles(surface),
@@ -205,6 +214,7 @@ def cloud_figures(cloud: PointCloud) -> dict[str, Any]:
     axes = [cloud.xyz_mm[..., k] for k in range(3)]
     return {
         "shape": list(cloud.shape),
+        "frame": cloud.frame,
         "points": count,
         "failed_fraction": cloud.failed_fraction,
         "reasons": count_reasons(cloud.reason),
@@ -230,15 +240,17 @@ def cloud_words(_: object, figures: dict[str, Any]) -> Iterator[Word]:
     yield from finding_words(figures)
     if figures["points"]:
         low, high = figures["minimum_mm"], figures["maximum_mm"]
+        usual = figures["median_sigma_mm"]
         span = ", ".join(
-            f"{name} {a:.2f} … {b:.2f}" for name, a, b in zip("xyz", low, high, strict=True)
+            f"{name} {number(a, usual)} … {number(b, usual)}"
+            for name, a, b in zip("xyz", low, high, strict=True)
         )
-        yield f"{figures['points']} points: {span} mm"
-        yield (
-            f"median σ {figures['median_sigma_mm']:.4f} mm, of which noise "
-            f"{figures['median_noise_mm']:.4f} mm"
-        )
-    yield f"failed: {figures['failed_fraction']:.2%} ({failures(figures['reasons'])})"
+        frame = figures.get("frame", CAMERA_FRAME)
+        place = "" if frame == CAMERA_FRAME else f" in coordinates of {frame}"
+        yield f"{figures['points']} points{place}: {span} mm"
+        noise = sigma_text(figures["median_noise_mm"], "mm")
+        yield f"median σ {sigma_text(usual)} mm, of which noise {noise}"
+    yield f"failed: {percent(figures['failed_fraction'])} ({failures(figures['reasons'])})"
 
 
 def cloud_sheet(cloud: PointCloud, name: str | None) -> Sheet:
@@ -263,9 +275,9 @@ def cloud_chapter(cloud: PointCloud, result: object, context: Context) -> Chapte
     values = cloud_figures(cloud)
     rows = [
         ("points", f"{values['points']:,}"),
-        ("measured pixels", f"{1 - cloud.failed_fraction:.2%}"),
-        ("median σ", with_unit(values["median_sigma_mm"], "mm")),
-        ("median σ of pixel noise", with_unit(values["median_noise_mm"], "mm")),
+        ("measured pixels", percent(1 - cloud.failed_fraction)),
+        ("median σ", sigma_with_unit(values["median_sigma_mm"], "mm")),
+        ("median σ of pixel noise", sigma_with_unit(values["median_noise_mm"], "mm")),
         ("epipolar error (rms)", with_unit(values["residual_rms_px"], "px")),
     ]
     blocks: list[Block] = [
@@ -275,7 +287,7 @@ def cloud_chapter(cloud: PointCloud, result: object, context: Context) -> Chapte
             result,
             context,
             "The points with their standard deviations and reasons.",
-            lambda: plot(result, context.name),
+            lambda: maps_of(result),
         ),
         *findings_block(values["findings"]),
         *_profiles(cloud),

@@ -12,6 +12,7 @@ from fringeworks.report.sheets import REASONS, SIGMA, Panel, Sheet, map_facts, t
 from fringeworks.report.summary import failures, finding_words, origin, told
 from fringeworks.stack.wrapped import WrappedPhase
 from fringeworks.types import Reason, count_reasons
+from fringeworks.types.numbers import number, percent, sigma_text
 
 
 def figures(wrapped: WrappedPhase) -> dict[str, Any]:
@@ -38,10 +39,10 @@ def words(_: WrappedPhase, figures: dict[str, Any]) -> Iterator[Word]:
         yield f"phase: no pixel could be measured ({failed})"
         return
     yield (
-        f"phase: median σ {figures['median_sigma_rad']:.3g} rad, "
-        f"median modulation {figures['median_modulation']:.3g} counts"
+        f"phase: median σ {sigma_text(figures['median_sigma_rad'])} rad, "
+        f"median modulation {number(figures['median_modulation'])} counts"
     )
-    yield f"   failed: {figures['failed_fraction']:.2%} ({failed})"
+    yield f"   failed: {percent(figures['failed_fraction'])} ({failed})"
 
 
 def picture(wrapped: WrappedPhase, name: str | None) -> Sheet:

@@ -27,6 +27,12 @@ class Table:
     caption: str = ""
     bad: tuple[int, ...] = ()
     """Rows that are marked as failed."""
+    doubtful: tuple[int, ...] = ()
+    """Rows that are marked as undecided."""
+    links: tuple[str, ...] = ()
+    """Page behind the first cell of every row; none by default, and where it is empty."""
+    search: bool = False
+    """Whether a page offers to search the rows."""
 
 
 @dataclass(frozen=True)

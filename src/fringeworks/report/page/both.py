@@ -14,6 +14,7 @@ from fringeworks.report.page.parts import facts, with_unit
 from fringeworks.report.page.surfaces import surface_of
 from fringeworks.surface.section import difference
 from fringeworks.types import FloatMap, HeightMap, PointCloud
+from fringeworks.types.numbers import percent
 
 
 def compared(chapters: Sequence[Chapter], results: Sequence[Any]) -> list[Chapter]:
@@ -50,11 +51,11 @@ def _figures(results: Sequence[Any]) -> tuple[Block, ...]:
     return (
         facts(
             [
-                ("pixels in both", f"{known.mean():.2%}"),
+                ("pixels in both", percent(float(known.mean()))),
                 ("median of B − A", with_unit(float(np.median(values[known])), unit)),
                 ("median |B − A|", with_unit(float(np.median(np.abs(values[known]))), unit)),
-                ("within 1 σ of the difference", f"{_within(values, sigma, 1.0):.1%}"),
-                ("within 2 σ", f"{_within(values, sigma, 2.0):.1%}"),
+                ("within 1 σ of the difference", percent(_within(values, sigma, 1.0))),
+                ("within 2 σ", percent(_within(values, sigma, 2.0))),
             ]
         ),
         Picture(histogram(values, f"B − A / {unit}"), "Distribution of the difference."),

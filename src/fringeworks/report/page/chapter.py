@@ -31,8 +31,8 @@ class Context:
     """Of point clouds: their points then travel as depths."""
     every: int = 1
     """Every k-th pixel is shown."""
-    judged: list[bool] = field(default_factory=list)
-    """Filled by the chapters: whether each tolerance is kept."""
+    verdicts: list[str] = field(default_factory=list)
+    """Filled by the chapters: the verdict of each tolerance."""
 
 
 def chapter_of(result: object, context: Context) -> Chapter:
@@ -67,7 +67,7 @@ def judged_block(values: dict[str, Any], context: Context) -> tuple[Block, ...]:
         judged = judge(values, context.tolerances)
     except InputError as error:
         raise error.at(context.name) from error
-    context.judged.extend(one.kept for one in judged)
+    context.verdicts.extend("pass" if one.kept else "fail" for one in judged)
     return tolerance_block(judged)
 
 

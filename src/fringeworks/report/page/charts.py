@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fringeworks.types import FloatMap
+from fringeworks.types.numbers import number
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
@@ -49,7 +50,7 @@ def histogram(values: FloatMap, label: str, *, what: str = "pixels") -> Figure:
         span = (low - half, high + half)
         axes.hist(np.clip(finite, *span), bins=BINS, range=span, color=BAR)
         median = float(np.median(finite))
-        axes.axvline(median, color=LINE, linewidth=1.5, label=f"median {median:.4g}")
+        axes.axvline(median, color=LINE, linewidth=1.5, label=f"median {number(median)}")
         axes.legend()
     axes.set_xlabel(label)
     axes.set_ylabel(what)

@@ -15,7 +15,9 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 
 from fringeworks.report.drawing import rc_context
-from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface
+from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface, Table
+from fringeworks.report.page.set_table import SHORT_CELL
+from fringeworks.report.verdicts import Verdict
 from fringeworks.report.viewer.page import (
     LAYERS,
     SCALES,
@@ -25,7 +27,7 @@ from fringeworks.report.viewer.page import (
     viewer_script,
     viewer_style,
 )
-from fringeworks.types import Provenance
+from fringeworks.types import Provenance, day
 
 MOST_VIEWERS = 12
 """Surfaces of a page that can be turned: browsers allow 16 WebGL contexts in a page."""
@@ -38,7 +40,12 @@ START_MAPS = """
 for (const element of document.querySelectorAll(".fringe-viewer-mount")) {
   element.viewer.ready.then(() => {
     for (const surface of element.viewer.surfaces ?? []) {
-      if (surface.header.raster) new FringeMaps(element.parentElement, surface, MAP_CONSTANTS);
+      if (!surface.header.raster) continue;
+      const { viewer } = element;
+      const maps = new FringeMaps(element.parentElement, surface, MAP_CONSTANTS);
+      if (surface !== viewer.surfaces[0]) continue;
+      viewer.onPoint = (pixel) => maps.point(pixel);
+      maps.onPoint = (pixel) => viewer.point(pixel, true);
     }
   });
 }
@@ -52,8 +59,7 @@ def page_html(
     origin: Provenance,
     *,
     notes: Sequence[str] = (),
-    verdict: str = "",
-    kept: bool = True,
+    verdict: Verdict | None = None,
 ) -> str:
     """Return the page.
 
@@ -66,14 +72,14 @@ def page_html(
         Of the report.
     notes : sequence of str
         Shown below the title.
-    verdict : str
-        Whether all tolerances are kept, in words; empty where there are none.
-    kept : bool
-        Whether they are.
+    verdict : Verdict, optional
+        Shown on top; None where nothing was judged.
     """
     turned = any(isinstance(block, Surface) for c in chapters for block in c.blocks)
     style = _asset("report.css") + (viewer_style() if turned else "")
+    tables = [block for c in chapters for block in c.blocks if isinstance(block, Table)]
     script = _script() if turned else ""
+    script += _asset("search.js") if any(table.search for table in tables) else ""
     policy = "; ".join(
         (
             f"default-src {NOTHING}",
@@ -92,12 +98,12 @@ def page_html(
         chapters=shown,
         notes=notes,
         verdict=verdict,
-        verdict_kept=kept,
         style=style,
         script=script,
         policy=policy,
         version=origin.version,
-        date=origin.date,
+        short=SHORT_CELL,
+        date=day(origin.date),
     )
     return page
 

@@ -2,7 +2,9 @@
 // cursor. They take the numbers that the viewer has unpacked.
 
 const SHOWN = ["cloud", "heights", "displacements", "coordinates", "sigma", "modulation", "albedo", "walls", "texture", "deviation", "reason"];
+const { decimals, fixed, number } = FringeViewer.numbers;
 const MOST_ZOOM = 64;
+const ROOM = 0.04; // about what was measured, share of its longer side
 const GAP = 0xffb0b0b0; // colour of pixels without a value
 
 /** Values between which most of a map lies; σ and modulation begin at zero. */
@@ -16,6 +18,23 @@ function limits(values, name) {
   return high > low ? [low, high] : [low - 0.5, low + 0.5];
 }
 
+/** The box of pixels that holds what was measured, with some room; all where nothing was. */
+function measured({ width, height, reason }) {
+  let [left, right, top, bottom] = [width, -1, height, -1];
+  for (const [i, code] of reason.entries()) {
+    if (code) continue;
+    const [x, y] = [i % width, Math.floor(i / width)];
+    [left, right] = [Math.min(left, x), Math.max(right, x)];
+    [top, bottom] = [Math.min(top, y), Math.max(bottom, y)];
+  }
+  if (right < 0) return { left: 0, top: 0, width, height };
+  const room = 1 + Math.floor(ROOM * Math.max(right - left, bottom - top));
+  [left, top] = [left - room, top - room].map((v) => Math.max(v, 0));
+  right = Math.min(right + room, width - 1);
+  bottom = Math.min(bottom + room, height - 1);
+  return { left, top, width: right - left + 1, height: bottom - top + 1 };
+}
+
 globalThis.FringeMaps = class {
   constructor(element, surface, { LAYERS, SCALES, TABLES }) {
     this.surface = surface;
@@ -23,7 +42,8 @@ globalThis.FringeMaps = class {
     this.scales = SCALES;
     this.tables = TABLES;
     this.zoom = 1;
-    this.centre = [surface.width / 2, surface.height / 2];
+    this.box = measured(surface);
+    this.centre = this.middle;
     this.root = document.createElement("div");
     this.root.className = "maps";
     this.told = document.createElement("p");
@@ -38,10 +58,15 @@ globalThis.FringeMaps = class {
     this.draw();
   }
 
+  get middle() {
+    const { left, top, width, height } = this.box;
+    return [left + width / 2, top + height / 2];
+  }
+
   add(layer) {
     const { label, scale } = this.names[layer.name];
     const reasons = layer.name === "reason";
-    const range = reasons ? null : limits(layer.values, layer.name);
+    const range = reasons ? null : layer.range ?? limits(layer.values, layer.name);
     const figure = document.createElement("figure");
     const canvas = Object.assign(document.createElement("canvas"), { tabIndex: 0 });
     canvas.setAttribute("role", "img");
@@ -77,8 +102,9 @@ globalThis.FringeMaps = class {
     bar.style.background = `linear-gradient(to right, ${colours.join(", ")})`;
     const ends = document.createElement("div");
     ends.className = "ends";
+    const digits = decimals((high - low) / 10);
     for (const value of [low, (low + high) / 2, high]) {
-      ends.append(Object.assign(document.createElement("span"), { textContent: value.toPrecision(4) }));
+      ends.append(Object.assign(document.createElement("span"), { textContent: fixed(value, digits) }));
     }
     const whole = document.createElement("div");
     whole.append(bar, ends);
@@ -101,7 +127,7 @@ globalThis.FringeMaps = class {
   }
 
   draw() {
-    const { width, height } = this.surface;
+    const { width, height } = this.box;
     for (const { canvas, picture } of this.maps) {
       const across = Math.max(canvas.clientWidth, 1);
       canvas.style.aspectRatio = `${width} / ${height}`;
@@ -125,22 +151,34 @@ globalThis.FringeMaps = class {
 
   /** Column and row at a place of a canvas. */
   place(canvas, x, y) {
-    const { width } = this.surface;
-    const scale = (canvas.clientWidth / width) * this.zoom;
+    const scale = (canvas.clientWidth / this.box.width) * this.zoom;
     return [
       Math.floor((x - canvas.clientWidth / 2) / scale + this.centre[0]),
       Math.floor((y - canvas.clientHeight / 2) / scale + this.centre[1]),
     ];
   }
 
-  tell([x, y]) {
+  /** The σ that decides the digits of a value: the point's own, for σ itself and what it is of. */
+  digitsOf({ name, unit }, i) {
+    const own = unit === this.surface.header.unit && name !== "texture";
+    return own ? this.surface.sigma[i] : NaN;
+  }
+
+  /** A pixel is pointed at in the viewer. */
+  point(pixel) {
+    const { width } = this.surface;
+    if (pixel >= 0) this.tell([pixel % width, Math.floor(pixel / width)], true);
+  }
+
+  tell([x, y], told = false) {
     const { width, height, reason, header } = this.surface;
     if (x < 0 || y < 0 || x >= width || y >= height) return;
     this.cursor = [x, y];
     const i = y * width + x;
+    if (!told) this.onPoint?.(i);
     const values = this.maps
       .filter(({ layer }) => layer.name !== "reason" && Number.isFinite(layer.values[i]))
-      .map(({ layer, label }) => `${label} ${layer.values[i].toPrecision(5)} ${layer.unit}`);
+      .map(({ layer, label }) => `${label} ${number(layer.values[i], this.digitsOf(layer, i))} ${layer.unit}`);
     const { label, meaning, advice } = header.reasons[reason[i]];
     if (reason[i]) values.push(`no value (${label}): ${meaning}. ${advice}`);
     this.told.textContent = `Column ${x}, row ${y}: ${values.join(", ")}`;
@@ -152,7 +190,7 @@ globalThis.FringeMaps = class {
     const limit = [this.surface.width - 1, this.surface.height - 1];
     const from = this.cursor ?? this.centre.map(Math.floor);
     this.tell([dx, dy].map((v, k) => Math.min(Math.max(from[k] + pixels * v, 0), limit[k])));
-    const half = [this.surface.width, this.surface.height].map((size) => size / this.zoom / 2);
+    const half = [this.box.width, this.box.height].map((size) => size / this.zoom / 2);
     const beyond = this.cursor.map((v, k) => Math.abs(v + 0.5 - this.centre[k]) > half[k]);
     if (beyond.some(Boolean)) {
       this.centre = [...this.cursor];
@@ -172,16 +210,16 @@ globalThis.FringeMaps = class {
 
   /** Keep the frame filled. */
   limit() {
-    const { width, height } = this.surface;
-    for (const [k, size] of [width, height].entries()) {
+    const { left, top, width, height } = this.box;
+    for (const [k, [start, size]] of [[left, width], [top, height]].entries()) {
       const half = size / this.zoom / 2;
-      this.centre[k] = Math.min(Math.max(this.centre[k], half), size - half);
+      this.centre[k] = Math.min(Math.max(this.centre[k], start + half), start + size - half);
     }
     this.draw();
   }
 
   listen(canvas) {
-    const pixel = () => canvas.clientWidth / this.surface.width * this.zoom;
+    const pixel = () => canvas.clientWidth / this.box.width * this.zoom;
     canvas.addEventListener("pointermove", (event) => {
       if (event.buttons) this.move(-event.movementX / pixel(), -event.movementY / pixel());
       else this.tell(this.place(canvas, event.offsetX, event.offsetY));

@@ -7,12 +7,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
-import numpy as np
-
 from fringeworks.report.page.blocks import Block, Facts, Findings, Origin, Table, Text
 from fringeworks.report.page.tolerances import Judged
 from fringeworks.report.reason_words import REASON_WORDS
 from fringeworks.types import ByteMap, Provenance, Reason, reason_counts
+from fringeworks.types.numbers import limit, number, percent, sigma_text
 
 MOST_FINDINGS = 200
 """Findings that a page lists; nobody reads more, and the number of the others is said."""
@@ -20,13 +19,9 @@ MOST_ROWS = 500
 """Rows of a table that a page shows; more belong into a file."""
 MOST_NAMED = 3
 """Inputs that a call names one by one; the frames of a stack are named by their folder."""
-DIGITS = 5
-"""Significant digits of figures in tables."""
 MOST_LETTERS = 4000
 """Letters of one value: a page of text. A list of a million numbers would fill a thousand pages of
 a PDF."""
-MOST_DECIMALS = 15
-"""Decimals of a parameter: double precision has no more."""
 MOST_VALUES = 100
 """Values of a list that a page shows; their number is said."""
 
@@ -38,7 +33,7 @@ def shown(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return f"{value:.{DIGITS}g}" if np.isfinite(value) else "–"
+        return number(value)
     if isinstance(value, list | tuple):
         several = ", ".join(shown(item) for item in value[:MOST_VALUES])
         return several if len(value) <= MOST_VALUES else f"{several}, … ({len(value):,} values)"
@@ -55,17 +50,14 @@ def listed(value: Any) -> list[Any]:
     return list(value) if isinstance(value, list | tuple) else [value]
 
 
-def estimate(value: float, sigma: float | None) -> str:
-    """Return a parameter with the digits that its standard deviation makes meaningful."""
-    if sigma is None or not np.isfinite(sigma) or sigma <= 0:
-        return shown(value)
-    decimals = 1 - int(np.floor(np.log10(sigma)))
-    return f"{value:.{min(max(decimals, 0), MOST_DECIMALS)}f}"
+def with_unit(value: float | None, unit: str, sigma: float | None = None) -> str | None:
+    """Return a figure with its unit, in the digits of its σ; None where it is unknown."""
+    return None if value is None else number(value, sigma, unit)
 
 
-def with_unit(value: float | None, unit: str) -> str | None:
-    """Return a figure with its unit; None where it is unknown."""
-    return None if value is None else f"{value:.{DIGITS}g} {unit}"
+def sigma_with_unit(sigma: float | None, unit: str) -> str | None:
+    """Return a standard deviation with its unit; None where it is unknown."""
+    return None if sigma is None else sigma_text(sigma, unit)
 
 
 def facts(rows: Iterable[tuple[str, Any]]) -> Facts:
@@ -81,7 +73,7 @@ def reasons_table(reason: ByteMap) -> Table:
         count = int(counts[kind])
         if count:
             words = REASON_WORDS[kind]
-            share = f"{count / reason.size:.2%}"
+            share = percent(count / reason.size)
             rows.append((words.label, f"{count:,}", share, words.meaning, words.advice))
     columns = ("pixels are", "number", "share", "meaning", "what to change")
     return Table(columns, tuple(rows), "Measured pixels, and reasons for those that are not")
@@ -112,7 +104,7 @@ def tolerance_block(judged: Sequence[Judged]) -> tuple[Block, ...]:
         (
             one.tolerance.name,
             shown(one.value),
-            f"{one.tolerance.sign} {one.tolerance.limit:g}",
+            f"{one.tolerance.sign} {limit(one.tolerance.limit)}",
             "pass" if one.kept else "FAIL",
         )
         for one in judged

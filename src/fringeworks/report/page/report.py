@@ -16,9 +16,11 @@ from fringeworks.report.page.blocks import Chapter
 from fringeworks.report.page.both import compared
 from fringeworks.report.page.chapter import Context, chapter_of
 from fringeworks.report.page.html import page_html
+from fringeworks.report.page.pages import paper_mm
 from fringeworks.report.page.pdf import write_pdf
 from fringeworks.report.page.surfaces import comparable
 from fringeworks.report.page.tolerances import Tolerance, parse_tolerance
+from fringeworks.report.verdicts import Verdict, verdict_of
 from fringeworks.types import FileProblem, InputError, Provenance, Rig, made_by
 
 SUFFIXES = (".html", ".pdf")
@@ -45,6 +47,7 @@ def write_report(
     rig: Rig | StrPath | None = None,
     every: int = 1,
     pdf: StrPath | None = None,
+    paper: str = "A4",
 ) -> ReportWritten:
     """Write a report of one or several results.
 
@@ -66,9 +69,12 @@ def write_report(
     rig : Rig or path, optional
         Of point clouds: the page is then smaller.
     every : int
-        Show every k-th column and row only, for frames of more than 8 million pixels.
+        Show every k-th column and row only. Frames of more than 8 million pixels are thinned to
+        what a page holds, which their captions say.
     pdf : path, optional
         A PDF beside the page.
+    paper : str
+        Paper of a PDF: ``A4`` or ``letter``.
 
     Returns
     -------
@@ -81,6 +87,7 @@ def write_report(
     """
     path = Path(path)
     check_report_target(path)
+    paper_mm(paper)
     if pdf is not None:
         check_target(pdf, (".pdf",))
     read = results.values() if isinstance(results, Mapping) else (results,)
@@ -88,20 +95,20 @@ def write_report(
         refuse_overwrite(target, rig, *read)
     named = _named(results)
     limits = tuple(parse_tolerance(t) if isinstance(t, str) else t for t in tolerances)
-    judged: list[bool] = []
+    verdicts: list[str] = []
     known = rig if isinstance(rig, Rig) or rig is None else read_rig(rig)
     chapters = [
-        chapter_of(result, Context(name, limits, known, every, judged)) for name, result in named
+        chapter_of(result, Context(name, limits, known, every, verdicts)) for name, result in named
     ]
     if comparable([result for _, result in named]):
         chapters = compared(chapters, [result for _, result in named])
     origin = made_by("write_report", options={"title": title or None, "every": every})
     heading = title or named[0][0]
-    verdict, kept = _verdict(judged), all(judged)
-    paths = [write_page(path, heading, chapters, origin, notes=notes, verdict=verdict, kept=kept)]
-    if pdf is not None:
-        paths.append(write_pdf(Path(pdf), heading, chapters, origin, notes))
-    return ReportWritten(tuple(paths), all(judged))
+    verdict = verdict_of(verdicts)
+    targets = (path, *(() if pdf is None else (Path(pdf),)))
+    for target in targets:
+        write_page(target, heading, chapters, origin, notes=notes, verdict=verdict, paper=paper)
+    return ReportWritten(targets, all(one == "pass" for one in verdicts))
 
 
 def write_page(
@@ -111,16 +118,16 @@ def write_page(
     origin: Provenance,
     *,
     notes: Sequence[str] = (),
-    verdict: str = "",
-    kept: bool = True,
+    verdict: Verdict | None = None,
+    paper: str = "A4",
 ) -> Path:
     """Write chapters as a page or, for a name that ends with ``.pdf``, as a document."""
     need_plots("a report")
     check_report_target(path)
     place = Path(path)
     if place.suffix.lower() == ".pdf":
-        return write_pdf(place, title, chapters, origin, notes)
-    page = page_html(title, chapters, origin, notes=notes, verdict=verdict, kept=kept)
+        return write_pdf(place, title, chapters, origin, notes, verdict, paper)
+    page = page_html(title, chapters, origin, notes=notes, verdict=verdict)
     return write_text(place, page)
 
 
@@ -167,13 +174,3 @@ def _name(result: Any, number: int, count: int) -> str:
         return Path(result).name
     kind = type(result).__name__
     return kind if count == 1 else f"{kind} {number + 1}"
-
-
-def _verdict(judged: Sequence[bool]) -> str:
-    if not judged:
-        return ""
-    if len(judged) == 1:
-        return "The tolerance is kept." if judged[0] else "The tolerance is not kept."
-    if all(judged):
-        return f"All {len(judged)} tolerances are kept."
-    return f"{judged.count(False)} of {len(judged)} tolerances are not kept."

@@ -43,13 +43,38 @@ def surface_block(
     """A surface to turn, and what is drawn of it in a PDF."""
 
     def pack() -> PackedSurface:
-        return packed(result, camera=context.rig, title=context.name, every=context.every)
+        # The chapter lists the findings; each is said once.
+        return packed(
+            result, title=context.name, camera=context.rig, every=context.every, own_notes=False
+        )
 
-    return Surface((pack,), caption, draw)
+    return Surface((pack,), f"{caption}{thinned_words(result, context.every)}", draw)
+
+
+def thinning(result: Any, every: int) -> int:
+    """Every how many-th column and row a page shows: as many as are asked for, or as it holds."""
+    from fringeworks.report.viewer.content import enough_thinned  # for those only who turn them
+
+    reason = getattr(surface_of(result), "reason", None)
+    return every if reason is None or reason.ndim != 2 else enough_thinned(reason.size, every)
+
+
+def thinned_words(result: Any, every: int) -> str:
+    """What a page says of a surface that it thins."""
+    used, reason = thinning(result, every), getattr(surface_of(result), "reason", None)
+    if used == 1 or reason is None or reason.ndim != 2:
+        return ""
+    rows, columns = reason.shape
+    return f" Shown: one of {used} columns and rows of {columns:,} × {rows:,} px."
 
 
 def packed(
-    result: Any, *, title: str = "", camera: Rig | Pinhole | None = None, every: int = 1
+    result: Any,
+    *,
+    title: str = "",
+    camera: Rig | Pinhole | None = None,
+    every: int = 1,
+    own_notes: bool = True,
 ) -> PackedSurface:
     """Pack a surface; see ``pack_surface``. The camera counts for point clouds only."""
     from fringeworks.report.viewer.pack import pack_surface  # for those only who turn surfaces
@@ -57,7 +82,8 @@ def packed(
     seen = camera if isinstance(surface_of(result), PointCloud) else None
     if isinstance(result, DRAWN_AS):
         result = surface_of(result)
-    return pack_surface(result, title=title, camera=seen, every=every)
+    used = thinning(result, every)
+    return pack_surface(result, title=title, camera=seen, every=used, own_notes=own_notes)
 
 
 def comparable(results: list[Any]) -> bool:

@@ -30,6 +30,7 @@ from fringeworks.types import (
     Rig,
     RigMismatch,
 )
+from fringeworks.types.numbers import number
 
 MAX_PIXELS = 8_000_000
 """Largest number of pixels that is packed. The page needs about 100 bytes for each, so that this is
@@ -103,13 +104,16 @@ def content_of(result: object, camera: Rig | Pinhole | None, every: int) -> Cont
 
 def check_pixels(pixels: int, every: int) -> None:
     """Refuse frames that a page cannot hold, before anything is computed for them."""
-    used = pixels / every**2
-    if used > MAX_PIXELS:
-        enough = int(np.ceil(np.sqrt(pixels / MAX_PIXELS)))
+    if pixels / every**2 > MAX_PIXELS:
         raise InputError(
             f"surface: expected {MAX_PIXELS:,} pixels or fewer for a page, got {pixels:,}; give a "
-            f"part of the frame, or every = {enough}"
+            f"part of the frame, or every = {enough_thinned(pixels)}"
         )
+
+
+def enough_thinned(pixels: int, every: int = 1) -> int:
+    """The thinning at which a page holds a frame, and at least the one that is given."""
+    return max(every, int(np.ceil(np.sqrt(pixels / MAX_PIXELS))))
 
 
 @singledispatch
@@ -151,7 +155,10 @@ def _(cloud: PointCloud, camera: Pinhole | None, every: int) -> Content:
     measured = (reason == Reason.OK)[..., None]
     points = np.where(measured, cloud.xyz_mm[::every, ::every].astype(np.float64), np.nan)
     sigma = cloud.sigma_mm[::every, ::every].astype(np.float64)
-    if camera is None:
+    lattice = None
+    if cloud.placement is not None:
+        pass  # its rays do not start at the origin
+    elif camera is None:
         fitted, step = fitted_camera(points), 1
         lattice = None if fitted is None else camera_lattice(points.shape[:2], fitted, step)
     else:
@@ -173,7 +180,7 @@ def _check_camera(lattice: Lattice, points: FloatMap, sigma: FloatMap) -> None:
     if ratio.size and np.median(ratio) > MAX_BESIDE:
         raise RigMismatch(
             "camera: expected the camera that the cloud was taken with, got one whose rays pass "
-            f"the points at {np.nanmedian(beside):.3g} mm"
+            f"the points at {number(float(np.nanmedian(beside)))} mm"
         )
 
 

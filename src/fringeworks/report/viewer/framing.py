@@ -10,6 +10,7 @@ from fringeworks.report.viewer.content import Content
 from fringeworks.surface.cloud import GRAZING_COSINE, LONG_SIDE
 from fringeworks.surface.height_map import MAX_TRIANGLE_SLOPE
 from fringeworks.types import FloatMap
+from fringeworks.types.numbers import number, percent
 
 SHOWN_SLOPE = 0.25
 """Height of a surface in the picture over its width, where z is no length: relief is visible, and
@@ -31,9 +32,9 @@ def framing(content: Content) -> dict[str, Any]:
     count = int(content.measured.sum())
     words = [f"{count:,} point{'' if count == 1 else 's'}"]
     if content.raster:
-        words.append(f"{count / content.reason.size:.1%}".replace("%", f" % of {columns} × {rows}"))
+        words.append(f"{percent(count / content.reason.size)} of {columns} × {rows}")
     if stretch != 1.0:
-        words.append(f"z drawn × {stretch:.2g}")
+        words.append(f"z drawn × {number(stretch)}")
     away = content.kind in ("cloud", "points")
     return {
         "box": box,

@@ -120,3 +120,22 @@ export function within({ shown }, toScreen, [left, top, right, bottom], visit) {
     if (row >= top && row <= bottom) visit(i, column, row, m13 * x + m23 * y + m33 * z);
   }
 }
+
+/** Normals of a mesh's corners, as four bytes each: the sum of those of its triangles. */
+export function cornerNormals(places, faces) {
+  const sums = new Float64Array(places.length);
+  const at = (i) => [places[3 * i], places[3 * i + 1], places[3 * i + 2]];
+  for (let k = 0; k < faces.length; k += 3) {
+    const corners = [faces[k], faces[k + 1], faces[k + 2]];
+    const [a, b, c] = corners.map(at);
+    const [u, v] = [b, c].map((p) => p.map((x, m) => x - a[m]));
+    const n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    for (const i of corners) for (let m = 0; m < 3; m++) sums[3 * i + m] += n[m];
+  }
+  const out = new Int8Array((4 * places.length) / 3);
+  for (let i = 0; i < places.length / 3; i++) {
+    const size = Math.hypot(sums[3 * i], sums[3 * i + 1], sums[3 * i + 2]) || 1;
+    for (let m = 0; m < 3; m++) out[4 * i + m] = Math.round((127 * sums[3 * i + m]) / size);
+  }
+  return out;
+}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -28,6 +29,7 @@ from fringeworks.types import (
     Points,
     Reason,
     Rig,
+    TriangleMesh,
 )
 
 MAGIC = b"FWSURF2\n"
@@ -39,6 +41,8 @@ MAX_TITLE = 200
 WHITE_PERCENTILE = 99.8
 """Brightness that becomes white, percent of the pixels below it: highlights do not darken the
 rest."""
+MOST_MODEL_FACES = 400_000
+"""Triangles of a drawing that a page shows: 7 MB, which turn without a graphics card as well."""
 RATIOS = ("albedo", "walls")
 """Layers whose numbers have no unit."""
 FINE_STEPS = 65535
@@ -62,8 +66,12 @@ def pack_surface(
     modulation: FloatMap | None = None,
     texture: FloatMap | None = None,
     deviation: FloatMap | None = None,
+    limits: tuple[float, float] | None = None,
+    model: TriangleMesh | None = None,
+    flags: Sequence[tuple[int, int, str]] = (),
     title: str = "",
     notes: tuple[str, ...] = (),
+    own_notes: bool = True,
     every: int = 1,
 ) -> PackedSurface:
     """Pack a surface for the viewer, with every point within an eighth of its σ.
@@ -79,11 +87,20 @@ def pack_surface(
     texture : (h, w) or (h, w, 3) array, optional
         Brightness or colour, counts; from the result where that holds it. Shown in 8 bits.
     deviation : (h, w) array, optional
-        Signed deviation from a nominal surface, in the surface's unit.
+        Signed deviation from a nominal surface, in the surface's unit. The page opens on it.
+    limits : (low, high), optional
+        Ends of the deviation's colour scale; by default those of nearly all values.
+    model : TriangleMesh, optional
+        The nominal surface, in the result's coordinates: it is shown behind the points. Meshes of
+        more than 400,000 triangles are left out, which a note says.
+    flags : (row, column, text) each
+        Labels on pixels.
     title : str
         Name of the surface; plain text.
     notes : tuple of str
         Added to the result's own notes; plain text.
+    own_notes : bool
+        False where the page that holds the viewer lists the result's findings itself.
     every : int ≥ 1
         Use every k-th column and row only, for frames that are too large.
 
@@ -120,13 +137,41 @@ def pack_surface(
         for name, values in given.items()
         if values is not None
     }
+    more: tuple[str, ...] = ()
+    if model is not None and len(model.faces) > MOST_MODEL_FACES:
+        more = (f"The drawing is not shown: it has {len(model.faces):,} triangles.",)
     content = replace(
         content,
         maps={**content.maps, **parts},
-        notes=(*content.notes, *notes),
+        notes=(*(content.notes if own_notes else ()), *more, *notes),
         title=title[:MAX_TITLE],
     )
-    return _packed(content)
+    return _packed(content, _Added(limits, model, tuple(flags), every))
+
+
+@dataclass(frozen=True)
+class _Added:
+    """What stands in a surface beside its maps."""
+
+    limits: tuple[float, float] | None = None
+    model: TriangleMesh | None = None
+    flags: tuple[tuple[int, int, str], ...] = ()
+    every: int = 1
+
+    def header(self, blocks: Blocks, columns: int) -> dict[str, Any]:
+        """Its part of the header."""
+        every = self.every
+        found: dict[str, Any] = {
+            "flags": [[(r // every) * columns + c // every, text] for r, c, text in self.flags]
+        }
+        if self.model is not None and len(self.model.faces) <= MOST_MODEL_FACES:
+            vertices = np.ascontiguousarray(self.model.vertices_mm, "<f4")
+            faces = np.ascontiguousarray(self.model.faces, "<u4")
+            found["model"] = {
+                "vertices": blocks.add(vertices.tobytes()),
+                "faces": blocks.add(faces.tobytes()),
+            }
+        return found
 
 
 def _part(name: str, values: FloatMap, result: object, every: int) -> FloatMap:
@@ -144,7 +189,7 @@ def _part(name: str, values: FloatMap, result: object, every: int) -> FloatMap:
     return part[::every, ::every].astype(np.float64)
 
 
-def _packed(content: Content) -> PackedSurface:
+def _packed(content: Content, added: _Added) -> PackedSurface:
     blocks = Blocks()
     measured = content.measured
     rows, columns = content.reason.shape
@@ -172,6 +217,11 @@ def _packed(content: Content) -> PackedSurface:
     header["layers"] = [
         _layer(blocks, name, values, content, low) for name, values in content.maps.items()
     ]
+    for layer in header["layers"]:
+        if layer["name"] == "deviation":
+            header["first"] = "deviation"
+            layer |= {} if added.limits is None else {"range": list(added.limits)}
+    header |= added.header(blocks, columns)
     text = json.dumps(header, ensure_ascii=False, allow_nan=False).encode()
     data = b"".join([MAGIC, struct.pack("<I", len(text)), text, *blocks.parts])
     return PackedSurface(data, header)

@@ -27,7 +27,9 @@ MODULES = (
     "fit",
     "scene",
     "view",
+    "overlay",
     "tools",
+    "scale",
     "input",
     "viewer",
 )

@@ -1,7 +1,7 @@
 // Draws surfaces with WebGL2: a coarse raster while the view moves, all points when it rests.
 
 import { FRAGMENT_SHADER, TABLES, VERTEX_SHADER } from "./assets.js";
-import { edgeRule, fillNormals, measuredPixels, triangles } from "./mesh.js";
+import { cornerNormals, edgeRule, fillNormals, measuredPixels, triangles } from "./mesh.js";
 
 // Indices of one call: a software renderer draws them in about a third of a second.
 const PART = 1_500_000;
@@ -52,8 +52,36 @@ export class Scene {
     return mesh;
   }
 
+  /** Upload the drawing's mesh, which stands behind the surface; `at` makes places of points. */
+  addModel({ vertices, faces }, at) {
+    const { gl } = this;
+    const places = at(vertices);
+    const array = gl.createVertexArray();
+    gl.bindVertexArray(array);
+    const none = new Float32Array(places.length / 3).fill(NaN);
+    const kinds = [
+      [places, 3, gl.FLOAT],
+      [cornerNormals(places, faces), 4, gl.BYTE],
+      [none, 1, gl.FLOAT],
+    ];
+    const buffers = kinds.map(([data, size, type], place) => {
+      const buffer = gl.createBuffer();
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
+      gl.enableVertexAttribArray(place);
+      gl.vertexAttribPointer(place, size, type, type === gl.BYTE, 0, 0);
+      return buffer;
+    });
+    gl.bindVertexArray(null);
+    const buffer = gl.createBuffer();
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffer);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, faces, gl.STATIC_DRAW);
+    return { array, buffers: [...buffers, buffer], list: { buffer, count: faces.length } };
+  }
+
   /** Give back what a surface holds of the graphics processor. */
-  remove({ array, buffers, levels }) {
+  remove({ array, buffers, levels = new Map(), model }) {
+    if (model) this.remove(model);
     const lists = [...levels.values()].flatMap((level) => Object.values(level));
     for (const buffer of [...buffers, ...lists.map((list) => list.buffer)]) {
       this.gl.deleteBuffer(buffer);
@@ -102,6 +130,11 @@ export class Scene {
   *calls(meshes, look, stride) {
     for (const [panel, mesh] of meshes.entries()) {
       const { points, faces, gaps } = this.level(mesh, stride);
+      if (mesh.model && look.model) {
+        const { array, list } = mesh.model;
+        const call = { panel, mesh: { array }, type: this.gl.TRIANGLES, list, from: 0 };
+        yield { ...call, count: list.count, gap: true, clears: true };
+      }
       const solid = !look.points && faces?.count ? faces : points;
       for (const list of look.gaps && gaps ? [solid, gaps] : [solid]) {
         const type = list === points ? this.gl.POINTS : this.gl.TRIANGLES;
@@ -114,14 +147,16 @@ export class Scene {
   }
 
   /** Make one call into a panel; `view` is of all panels alike. */
-  issue({ panel, mesh, type, list, from, count, gap }, view, look, stride) {
+  issue({ panel, mesh, type, list, from, count, gap, clears }, view, look, stride) {
     const { gl, canvas } = this;
     const [width, height] = [view.width, view.height].map((v) => Math.round(v * view.density));
     gl.viewport(panel * width, canvas.height - height, width, height);
     const uniforms = { ...look.uniforms, view: view.clip, turn: view.turn.toFloat32Array() };
     uniforms.size = Math.max(1, stride * view.spacing * view.density * 1.1);
     const reasons = look.uniforms.mode === REASONS;
-    if (gap) Object.assign(uniforms, { plain: look.gap, mode: reasons ? REASONS : 0, light: 0 });
+    const reasoned = reasons && !clears;
+    if (gap) Object.assign(uniforms, { plain: look.gap, mode: reasoned ? REASONS : 0, light: 0 });
+    if (clears) uniforms.light = 1;
     for (const [name, value] of Object.entries(uniforms)) {
       const place = (this.places[name] ??= gl.getUniformLocation(this.program, `u_${name}`));
       if (value.length === 16) gl.uniformMatrix4fv(place, false, value);
@@ -131,6 +166,8 @@ export class Scene {
     gl.bindVertexArray(mesh.array);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, list.buffer);
     gl.drawElements(type, count, gl.UNSIGNED_INT, 4 * from);
+    // What was measured stands before the drawing, also where it lies behind it by a dent.
+    if (clears) gl.clear(gl.DEPTH_BUFFER_BIT);
   }
 
   /** Draw every k-th pixel at once. */

@@ -4,13 +4,15 @@ import { LAYERS } from "./assets.js";
 import { fitRegion } from "./fit.js";
 import { distance, pointAt, profile } from "./measure.js";
 import { within } from "./mesh.js";
-import { decimals, make } from "./numbers.js";
+import { decimals, fixed, make, number, sigmaText } from "./numbers.js";
 
 const REACH_PX = [6, 40]; // how far from a point the cursor may be; more between sparse points
 const BEHIND = 1e6; // added to the distance of pixels without a value: measured ones come first
+const POINT_MM = 0.01; // σ whose digits places have that have none: whole micrometres
 const HINTS = {
   turn: "",
   distance: "Pick two points.",
+  flag: "Pick points: each gets a flag with its value. Pick a flag's point again to take it away.",
   region: "Drag a rectangle, or pick two corners. All points in it count that are not clipped.",
 };
 
@@ -69,6 +71,7 @@ export class Tools {
   inspect(x, y) {
     const { surface, pixel } = this.at(x, y);
     this.viewer.say(pixel < 0 ? "Nothing here." : this.describe(surface, pixel));
+    if (surface === this.viewer.surfaces[0]) this.viewer.point(pixel);
   }
 
   /** A pixel in words: its point, σ and maps; or why it has no value and what to change. */
@@ -80,13 +83,14 @@ export class Tools {
       const { label, meaning, advice } = header.reasons[reason[i]];
       return `${place}: no value (${label}): ${meaning}. What to do: ${advice}.`;
     }
-    const [x, y, z] = pointAt(surface, i).map((v) => v.toFixed(decimals(sigma[i])));
-    const known = Number.isNaN(sigma[i]) ? "unknown" : `${sigma[i].toPrecision(2)} ${unit}`;
+    const [x, y, z] = pointAt(surface, i).map((v) => number(v, sigma[i] || POINT_MM));
+    const known = Number.isNaN(sigma[i]) ? "unknown" : `${sigmaText(sigma[i])} ${unit}`;
     const parts = [`${place}: x ${x}, y ${y} ${lateral}, z ${z} ${unit}, σ ${known}`];
     for (const { name, values, packed, unit: own } of layers) {
       const { told, label } = LAYERS[name];
       if (!told || packed || Number.isNaN(values[i])) continue;
-      parts.push(`${label.toLowerCase()} ${values[i].toPrecision(4)} ${own}`);
+      const text = number(values[i], own === unit ? sigma[i] : NaN);
+      parts.push(`${label.toLowerCase()} ${text} ${own}`);
     }
     return parts.join(", ");
   }
@@ -97,6 +101,20 @@ export class Tools {
     if (this.name === "distance") this.pickPoint(this.at(x, y));
     else if (this.name === "region" && this.corner) this.region([...this.corner, x, y]);
     else if (this.name === "region") this.corner = [x, y];
+    else if (this.name === "flag") this.flag(this.at(x, y));
+    this.viewer.drawOver();
+  }
+
+  /** Put a flag with the value of the shown layer on a point, or take it away. */
+  flag({ surface, pixel }) {
+    if (pixel < 0 || surface.reason[pixel]) return;
+    const { header, layers, sigma } = surface;
+    const flags = header.flags ?? [];
+    const shown = this.viewer.layer.name;
+    const { values, unit } = layers.find(({ name }) => name === shown) ?? layers[0];
+    const text = `${number(values[pixel], unit === header.unit ? sigma[pixel] : NaN)} ${unit}`;
+    const others = flags.filter(([i]) => i !== pixel);
+    header.flags = others.length < flags.length ? others : [...flags, [pixel, text.trim()]];
     this.viewer.drawOver();
   }
 
@@ -111,11 +129,11 @@ export class Tools {
   tellDistance(surface) {
     const { metric, raster, unit, lateral_unit: lateral } = surface.header;
     const { length, offset, sigma } = distance(surface, ...this.picks);
-    const digits = decimals(sigma);
-    const spread = Number.isNaN(sigma) ? "" : ` ± ${sigma.toFixed(digits)}`;
+    const digits = decimals(sigma || POINT_MM);
+    const spread = Number.isNaN(sigma) ? "" : ` ± ${sigmaText(sigma)}`;
     const units = [lateral, lateral, unit];
-    const rows = units.map((own, k) => [`Δ${"xyz"[k]}`, `${offset[k].toFixed(digits)} ${own}`]);
-    if (metric) rows.unshift(["Distance", `${length.toFixed(digits)}${spread} ${unit}`]);
+    const rows = units.map((own, k) => [`Δ${"xyz"[k]}`, `${fixed(offset[k], digits)} ${own}`]);
+    if (metric) rows.unshift(["Distance", `${fixed(length, digits)}${spread} ${unit}`]);
     this.tell(rows);
     if (metric && raster) this.chart(profile(surface, ...this.picks), unit, digits);
   }
@@ -136,9 +154,9 @@ export class Tools {
     band.setAttribute("d", known.map(reach).join(""));
     const size = `${right - left || 1} ${high - low || 1e-9}`;
     ui.curves.setAttribute("viewBox", `${left} ${-high} ${size}`);
-    ui.chartTop.textContent = `Height over the line A–B: ${high.toFixed(digits)} ${unit}`;
-    ui.chartLow.textContent = low.toFixed(digits);
-    ui.chartEnd.textContent = `B, ${right.toFixed(digits)} ${unit}`;
+    ui.chartTop.textContent = `Height over the line A–B: ${fixed(high, digits)} ${unit}`;
+    ui.chartLow.textContent = fixed(low, digits);
+    ui.chartEnd.textContent = `B, ${fixed(right, digits)} ${unit}`;
     ui.chart.hidden = false;
   }
 
@@ -177,16 +195,15 @@ export class Tools {
     const { unit } = surface.header;
     const { points, normal, point, centre, radius, radiusSigma, deviation, range } = result;
     const digits = decimals(deviation);
-    const list = (values) => `${values.map((v) => v.toFixed(digits)).join(", ")} ${unit}`;
-    const spread = radiusSigma?.toPrecision(2);
+    const list = (values) => `${values.map((v) => fixed(v, digits)).join(", ")} ${unit}`;
     const rows = [
       ["Points", points.toLocaleString("en")],
-      ["Normal", normal?.map((v) => v.toFixed(5)).join(", ")],
+      ["Normal", normal?.map((v) => fixed(v, 5)).join(", ")],
       ["Point", point && list(point)],
       ["Centre", centre && list(centre)],
-      ["Radius", radius && `${radius.toFixed(digits + 1)} ± ${spread} ${unit}`],
-      ["Standard deviation", `${deviation.toPrecision(3)} ${unit}`],
-      ["Range of 99.7 %", `${range.toPrecision(3)} ${unit}`],
+      ["Radius", radius && `${number(radius, radiusSigma)} ± ${sigmaText(radiusSigma)} ${unit}`],
+      ["Standard deviation", `${number(deviation)} ${unit}`],
+      ["Range of 99.7 %", `${number(range)} ${unit}`],
     ];
     this.tell(rows.filter(([, text]) => text));
     const values = new Float32Array(surface.reason.length).fill(NaN);

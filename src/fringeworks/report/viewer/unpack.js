@@ -25,6 +25,7 @@ export async function unpack(payload) {
   const sigma = filled(Float32Array, count, (i) => low[i] * Math.sqrt(ratio));
   const points = await readPoints(reader, header, reason);
   const surface = { header, width, height, reason, sigma, points, layers: [] };
+  if (header.model) surface.model = await readModel(reader, header.model);
   surface.addMaps = async () => {
     for (const layer of header.layers) surface.layers.push(await readLayer(reader, layer));
   };
@@ -47,13 +48,24 @@ function split(bytes) {
   return { header: JSON.parse(text), body: bytes.subarray(start + size) };
 }
 
-/** One byte for each pixel. */
-async function inflate({ body, count }, [offset, packed]) {
+async function inflateBlock(body, [offset, packed]) {
   const bytes = body.subarray(offset, offset + packed);
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  const out = new Uint8Array(await new Response(stream).arrayBuffer());
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+/** One byte for each pixel. */
+async function inflate({ body, count }, place) {
+  const out = await inflateBlock(body, place);
   if (out.length !== count) throw new Error("A block of the surface has not one byte per pixel.");
   return out;
+}
+
+/** The mesh of the drawing: corners and triangles. */
+async function readModel({ body }, { vertices, faces }) {
+  const unpacked = [vertices, faces].map((block) => inflateBlock(body, block));
+  const [corners, triangles] = await Promise.all(unpacked);
+  return { vertices: new Float32Array(corners.buffer), faces: new Uint32Array(triangles.buffer) };
 }
 
 /** One number for each pixel, whose bytes lie in blocks, the lowest first. */
@@ -113,7 +125,7 @@ async function readLayer(reader, layer) {
   const word = (i) => (one[i] + 256 * green[i] + 65536 * blue[i]) / layer.factor;
   const at = blue ? word : (i) => one[i] * middle;
   const values = filled(Float32Array, one.length, at);
-  return { name: layer.name, unit: layer.unit, packed: Boolean(blue), values };
+  return { name: layer.name, unit: layer.unit, range: layer.range, packed: Boolean(blue), values };
 }
 
 /** Coordinates of all pixels, (n, 3); unmeasured ones get a stand-in where the place is known. */

@@ -3,7 +3,9 @@
 import { LAYERS, SCALES, TEMPLATE, VIEWS } from "./assets.js";
 import { Input } from "./input.js";
 import { difference } from "./measure.js";
-import { decimals, filled, make, percent, spread } from "./numbers.js";
+import { decimals, filled, fixed, make, number, percent } from "./numbers.js";
+import { drawPanel } from "./overlay.js";
+import { Scale } from "./scale.js";
 import { Scene } from "./scene.js";
 import { Tools } from "./tools.js";
 import { unpack } from "./unpack.js";
@@ -18,12 +20,14 @@ const STRIDES = [1, 2, 3, 4, 6, 8, 12, 16];
 const NARROW_PX = 760; // below this width the controls lie below the picture
 const STEPS = 1000; // of sliders
 const CLIP_REACH = 1.02; // of the sliders over half the box: beyond the outermost points
+const CLIP_STEP = 0.002; // of a step of the sliders over half the box
 const FAR = 1e9; // a plane that clips nothing, beyond every surface
-const AXIS_PX = 28;
 const BAR_PX = 180; // largest length of the scale bar
 
 /** A viewer in an element. Its payloads are those given, or the scripts in the element. */
 export class FringeViewer {
+  static numbers = { decimals, fixed, number }; // for the maps of a report
+
   constructor(element, payloads = null) {
     const own = [...element.querySelectorAll("script[type='application/x-fringeworks-surface']")];
     this.root = Object.assign(make("div"), { className: "fringe-viewer" });
@@ -47,12 +51,14 @@ export class FringeViewer {
     this.header = header;
     for (const surface of this.surfaces) this.prepare(surface);
     this.ui.showRow.hidden = this.surfaces.length < 2;
+    this.ui.modelRow.hidden = !this.surfaces[0].model;
     const wanted = Math.sqrt(reason.length / FIRST_POINTS);
     this.stride = STRIDES.find((stride) => stride >= wanted) ?? STRIDES.at(-1);
     this.last = null;
     this.view = new View(header);
     this.active = [this.surfaces[0]];
     this.tools = new Tools(this);
+    this.scale = new Scale(this);
     this.listen();
     if (!header.count) this.list("reason");
     this.choose("one");
@@ -63,7 +69,8 @@ export class FringeViewer {
     performance.mark("fringe-viewer-picture");
     await new Promise((done) => { setTimeout(done); }); // the picture first
     for (const surface of this.surfaces) await surface.addMaps();
-    this.list(this.ui.layer.value);
+    this.list(header.first ?? this.ui.layer.value);
+    if (header.first) this.colour();
   }
 
   /** Show a newer surface of the same scene in place of the first; the view and the layer stay. */
@@ -77,6 +84,14 @@ export class FringeViewer {
     this.choose("one");
   }
 
+  /** A pixel is pointed at, here or on a map beside: both show it. */
+  point(pixel, told = false) {
+    if (pixel === this.pointed) return;
+    this.pointed = pixel;
+    if (!told) this.onPoint?.(pixel);
+    this.drawOver();
+  }
+
   say(text) {
     this.ui.readout.textContent = text;
   }
@@ -84,16 +99,44 @@ export class FringeViewer {
   /** Places for the screen, about the first surface's middle, and the layers to colour by. */
   prepare(surface) {
     const { points, header, reason, sigma, layers } = surface;
-    const { box: { centre }, stretch } = this.header;
-    const at = (i) => (points[i] - centre[i % 3]) * (i % 3 === 2 ? stretch : 1);
-    surface.shown = filled(Float32Array, points.length, at);
+    this.lay(surface);
     const z = filled(Float32Array, reason.length, (i) => (reason[i] ? NaN : points[3 * i + 2]));
     const add = (name, values, unit = "") => layers.push({ name, values, unit });
     add(header.kind, z, header.unit);
     add("sigma", sigma, header.unit);
     add("reason", new Float32Array(reason));
     add("plain", new Float32Array(reason.length));
+  }
+
+  /** Places for the screen about the first surface's middle, and what the scene draws there. */
+  lay(surface) {
+    const { box: { centre }, stretch } = this.header;
+    const at = (points) => filled(
+      Float32Array, points.length,
+      (i) => (points[i] - centre[i % 3]) * (i % 3 === 2 ? stretch : 1),
+    );
+    surface.shown = at(surface.points);
     surface.mesh = this.scene.add(surface);
+    if (surface.model) surface.mesh.model = this.scene.addModel(surface.model, at);
+  }
+
+  /** Draw the depth larger or smaller than it is. */
+  exaggerate(text) {
+    const factor = Number(text);
+    if (!(factor > 0)) return;
+    this.header.stretch *= factor / (this.exaggeration ?? 1);
+    this.exaggeration = factor;
+    for (const surface of [...this.surfaces, ...(this.gap ? [this.gap] : [])]) {
+      this.scene.remove(surface.mesh);
+      this.lay(surface);
+    }
+    const { yaw, pitch } = this.view;
+    this.view = Object.assign(new View(this.header), { yaw, pitch });
+    this.meshes = this.active.map(({ mesh }) => mesh);
+    this.resize();
+    this.view.fit();
+    this.colour();
+    this.clip();
   }
 
   /** Show one result, both, or their difference. */
@@ -152,44 +195,8 @@ export class FringeViewer {
     scene.setScale(this.kind.scale);
     ui.scale.hidden = this.mode !== 1;
     ui.legend.hidden = this.mode !== 3;
-    [ui.low.value, ui.high.value] = [0, STEPS];
-    this.spread = spread(this.layer.values, this.kind.scale === "signed");
-    if (this.mode === 1) this.drawHistogram();
     if (this.mode === 3) this.tellReasons();
-    this.changeRange();
-  }
-
-  /** Ends of the colour scale. */
-  get range() {
-    const { low, high } = this.spread;
-    return [this.ui.low, this.ui.high].map(({ value }) => low + ((high - low) * value) / STEPS);
-  }
-
-  changeRange() {
-    const { ui, kind, layer } = this;
-    ui.low.value = Math.min(ui.low.value, ui.high.value - 1);
-    const digits = decimals((this.spread.high - this.spread.low) / 10);
-    const colours = SCALES[kind.scale].join(", ");
-    ui.colours.style.background =
-      `linear-gradient(to right, ${colours.replace(",", " var(--low),")} var(--high))`;
-    for (const [k, name] of ["low", "high"].entries()) {
-      const text = this.range[k].toFixed(digits);
-      ui.scale.style.setProperty(`--${name}`, `${(100 * ui[name].value) / STEPS}%`);
-      ui[`${name}Text`].textContent = text;
-      ui[name].setAttribute("aria-valuetext", `${text} ${layer.unit}`);
-    }
-    ui.unitText.textContent = layer.unit ? `${kind.label}, ${layer.unit}` : kind.label;
-    this.move();
-  }
-
-  drawHistogram() {
-    const { bins } = this.spread;
-    const top = Math.max(1, ...bins);
-    const corners = bins.flatMap((count, k) => {
-      const down = 100 - 100 * Math.sqrt(count / top);
-      return [k, k + 1].map((edge) => `${(100 * edge) / bins.length}% ${down}%`);
-    });
-    this.ui.histogram.style.clipPath = `polygon(0 100%, ${corners.join(", ")}, 100% 100%)`;
+    this.scale.begin(this.layer, this.kind);
   }
 
   /** The legend of the reasons: share, meaning, and what to change. */
@@ -210,13 +217,14 @@ export class FringeViewer {
 
   /** What a picture depends on besides the view. */
   get look() {
-    const { ui, mode, range } = this;
+    const { ui, mode, scale: { range } } = this;
     const style = getComputedStyle(this.root);
     const colour = (name) => style.getPropertyValue(name).split(" ").map((v) => v / 255);
     const uniforms = { mode, range, light: ui.light.checked, hide: ui.hide.checked };
     Object.assign(uniforms, { plain: colour("--plain-rgb"), ...this.clipped });
     const gap = colour("--gap-rgb");
-    return { uniforms, gap, points: ui.points.checked, gaps: ui.gaps.checked || mode === 3 };
+    const gaps = ui.gaps.checked || mode === 3;
+    return { uniforms, gap, gaps, model: ui.model.checked, points: ui.points.checked };
   }
 
   /** Set the clip planes and say where they lie: x, y and z from, then to. */
@@ -226,7 +234,8 @@ export class FringeViewer {
       const [k, free] = [at % 3, at < 3 ? 0 : STEPS];
       const used = Number(input.value) !== free;
       const offset = ((2 * input.value) / STEPS - 1) * CLIP_REACH * half[k];
-      input.previousElementSibling.textContent = used ? (centre[k] + offset).toFixed(2) : "–";
+      const text = used ? number(centre[k] + offset, CLIP_STEP * half[k]) : "–";
+      input.previousElementSibling.textContent = text;
       return used ? offset * (k === 2 ? stretch : 1) : FAR * Math.sign(free - 1);
     });
     this.clipped = { low: ends.slice(0, 3), high: ends.slice(3) };
@@ -278,7 +287,7 @@ export class FringeViewer {
     const put = (element, x, y) => { element.style.translate = `${x}px ${y}px`; };
     for (const [panel, over] of [...ui.over.children].entries()) {
       over.hidden = panel >= active.length;
-      if (!over.hidden) this.drawPanel(over, put);
+      if (!over.hidden) drawPanel(this, over, put);
     }
     ui.frame.hidden = !frame;
     if (frame) {
@@ -295,25 +304,6 @@ export class FringeViewer {
     const length = power * ([5, 2].find((k) => k * power <= longest) ?? 1);
     ui.bar.style.width = `${length * view.scale}px`;
     ui.bar.textContent = `${Number(length.toPrecision(1))} ${active[0].header.lateral_unit}`;
-  }
-
-  /** Axes, marks of the picks and, beside another one, the name of a panel. */
-  drawPanel(over, put) {
-    const { view, active, tools } = this;
-    const [name, axes, ...marks] = over.children;
-    name.hidden = active.length < 2;
-    for (const [k, axis] of [...axes.children].entries()) {
-      const [line, text] = axis.children;
-      const [x, y, z] = [0, 1, 2].map((m) => (m === k ? AXIS_PX : 0));
-      const end = view.turn.transformPoint({ x, y, z });
-      line.setAttribute("d", `M0 0L${end.x} ${-end.y}`);
-      text.setAttribute("transform", `translate(${1.3 * end.x} ${-1.3 * end.y})`);
-    }
-    for (const [k, mark] of marks.entries()) {
-      const i = tools.picks[k];
-      mark.hidden = i === undefined;
-      if (!mark.hidden) put(mark, ...view.project(active[0].shown.subarray(3 * i, 3 * i + 3)));
-    }
   }
 
   resize() {
@@ -337,7 +327,7 @@ export class FringeViewer {
   shows({ shown, layers }) {
     const { low, high, hide, mode } = this.look.uniforms;
     const values = layers.find(({ name }) => name === this.layer.name)?.values;
-    const [from, to] = this.range;
+    const [from, to] = this.scale.range;
     const hides = hide && mode === 1 && values;
     return (i) => {
       for (let k = 0; k < 3; k++) {
@@ -365,7 +355,7 @@ export class FringeViewer {
       const { on = "input", call: name = "move", owner } = control?.dataset ?? {};
       if (on === type) (owner ? this[owner] : this)[name](control?.value);
     };
-    for (const type of ["input", "click", "dblclick"]) root.addEventListener(type, call);
+    for (const type of ["input", "change", "click", "dblclick"]) root.addEventListener(type, call);
     ui.picture.addEventListener("webglcontextlost", () => {
       this.say("The browser has taken the picture's memory away: load the page again.");
     });

@@ -331,7 +331,8 @@ def adjust_to(rig: Rig, observations: Sequence[Observation], board: Board) -> Ri
     residual = [_rms(r) for r in _residuals(found, seen)]
     views = [o.view for o in observations]
     blur = camera_blur(views, seen.poses, board, rig.camera.shape) or rig.blur
-    return replace(found, residual_px=(residual[0], residual[1]), blur=blur)
+    residual_px = (residual[0], residual[1])
+    return replace(found, residual_px=residual_px, blur=blur, robot=rig.robot)
 
 
 def _seen(rig: Rig, observations: Sequence[Observation], board: Board) -> _Seen:

@@ -54,8 +54,13 @@ def start(
 
 def first_pose(sighting: Sighting, camera: Pinhole) -> FloatMap:
     """Estimate the pose of a board, T_camera_board (4, 4), from a known camera alone."""
-    ideal = np.ascontiguousarray(rays(camera, sighting.camera_px)[:, :2])
-    _, turn, shift = cv2.solvePnP(sighting.points_mm, ideal, np.eye(3), None)
+    return first_pose_of(sighting.points_mm, sighting.camera_px, camera)
+
+
+def first_pose_of(points_mm: FloatMap, camera_px: FloatMap, camera: Pinhole) -> FloatMap:
+    """Estimate the pose of a board from its points (m, 3), mm, and their pixels (m, 2)."""
+    ideal = np.ascontiguousarray(rays(camera, camera_px)[:, :2])
+    _, turn, shift = cv2.solvePnP(points_mm, ideal, np.eye(3), None)
     return pose(np.asarray(cv2.Rodrigues(turn)[0], np.float64), np.ravel(shift))
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 from nicegui import ui
 
-from fringeworks.studio.steps.parts import Step, named, work
+from fringeworks.studio.steps.parts import Step, described, disclosure, named, work
 from fringeworks.studio.worker import Job
 from fringeworks.types import Area, InputError, PartTolerance
 from fringeworks.types.recipe import FROM_MODEL, QUANTITIES
@@ -31,8 +31,10 @@ def areas(step: Step, source: Callable[[], str | None], measured: Callable[[], N
 
     ``measured`` is called to measure again after the area that confines it has changed.
     """
-    with ui.expansion("Areas and tolerances").classes("w-full") as box:
-        return Areas(step, source, measured, box)
+    found: list[Areas] = []
+    with disclosure("Areas and tolerances", lambda: found[0].opened()):
+        found.append(Areas(step, source, measured))
+    return found[0]
 
 
 class Areas:
@@ -43,33 +45,34 @@ class Areas:
         step: Step,
         source: Callable[[], str | None],
         measured: Callable[[], None],
-        box: ui.expansion,
     ) -> None:
         self._step, self._studio, self._source = step, step.studio, source
         self._measured = measured
         self._corners: list[tuple[float, float]] = []
         self._scale, self._size = 1, (1, 1)
-        box.on_value_change(self._opened)
-        with ui.row().classes("items-end"):
+        with ui.row().classes("fw-fields"):
             self._shape = ui.toggle({"box": "Box", "polygon": "Polygon"}, value="box")
             self._shape.props("no-caps")
-            self._name = ui.input("Name of the next area", value=self._next_name()).classes("w-48")
+            self._name = ui.input("Name of the next area", value=self._next_name()).classes(
+                "fw-field"
+            )
             close = step.attempt(self._close_polygon)
             for name, action in (("Close the polygon", close), ("Undo corner", self._undo_corner)):
                 button = ui.button(name, on_click=action).props("flat no-caps")
                 button.bind_visibility_from(self._shape, "value", lambda v: v == "polygon")
         ui.label(
             "Drag a box over the picture, or click the corners of a polygon and close it."
-        ).classes("opacity-80")
+        ).classes("fw-quiet")
         self._picture = ui.interactive_image(
             cross="#ff2d95", events=["mousedown", "mouseup", "mouseleave"]
         ).classes("fw-live")
         self._picture.on_mouse(self._mouse)
+        described(self._picture, "What the camera saw, with the areas that are drawn")
         # Prevent the browser's own drag of the picture.
         for event in ("dragstart", "mousedown"):
             self._picture.on(event, js_handler="(event) => event.preventDefault()")
         work(step, ("drawing the picture",), self._drawn)
-        self._fault = ui.label().classes("text-negative").props('role="alert"')
+        self._fault = ui.label().classes("fw-bad").props('role="alert"')
         self._list()
         self._tolerances()
         inspect = step.attempt(self._inspect)
@@ -77,10 +80,10 @@ class Areas:
         work(step, ("judging",), self._judged)
         self._verdicts()
 
-    def _opened(self, event: Any) -> None:
-        if event.value:
-            self._fault.set_text(self._studio.recipes.fault)
-            self._show_picture()
+    def opened(self) -> None:
+        """Show the picture, when this part of the page is unfolded."""
+        self._fault.set_text(self._studio.recipes.fault)
+        self._show_picture()
 
     def _judged(self, job: Job) -> None:
         self._step.session.verdict = job.result
@@ -184,7 +187,7 @@ class Areas:
                 label="Measure only",
                 value=recipe.within or EVERYWHERE,
                 on_change=lambda event: self._confine(event.value),
-            ).classes("w-48")
+            ).classes("fw-field")
 
     def _remove_area(self, name: str) -> None:
         self._studio.recipes.remove_area(name)
@@ -208,17 +211,19 @@ class Areas:
                 named(button, f"Delete {one.name}")
         if not recipe.areas:
             return
-        with ui.row().classes("items-end"):
+        with ui.row().classes("fw-fields"):
             known = [q for q in QUANTITIES if recipe.model is not None or q not in FROM_MODEL]
             names = {name: name.replace("_", " ") for name in known}
-            quantity = ui.select(names, value="flatness", label="Quantity").classes("w-44")
+            quantity = ui.select(names, value="flatness", label="Quantity").classes("fw-field")
             names_of_areas = list(recipe.areas)
-            area = ui.select(names_of_areas, value=names_of_areas[-1], label="Area").classes("w-40")
+            area = ui.select(names_of_areas, value=names_of_areas[-1], label="Area").classes(
+                "fw-field"
+            )
             other = ui.select(names_of_areas, value=names_of_areas[0], label="Base, or other area")
-            other.classes("w-44")
+            other.classes("fw-field")
             other.bind_visibility_from(quantity, "value", lambda v: QUANTITIES[v] > 1)
-            low = ui.number("Smallest").classes("w-28")
-            high = ui.number("Largest").classes("w-28")
+            low = ui.number("Smallest").classes("fw-narrow")
+            high = ui.number("Largest").classes("fw-narrow")
 
             def add() -> None:
                 on = (area.value, other.value)[: QUANTITIES[quantity.value]]
@@ -253,23 +258,28 @@ class Areas:
         result = self._step.session.verdict
         if result is None or result["source"] != self._source():
             return
-        ui.label(f"{result['source']}: {result['verdict']}").classes("text-lg").props(
-            'role="status"'
-        )
-        with ui.grid(columns="repeat(6, max-content)").classes("gap-x-6 gap-y-0"):
-            for name in COLUMNS:
-                ui.label(name).classes("opacity-80")
+        ui.label(f"{result['source']}: {result['verdict']}").classes("fw-h2").props('role="status"')
+        with ui.element("div").classes("fw-scroll"), ui.element("table").classes("fw-table"):
+            _row("th", COLUMNS)
             for check in result["checks"]:
                 why = f": {check['why']}" if check["why"] else ""
-                for text in (
+                cells = (
                     check["name"],
                     _number(check["value"]),
                     _number(check["sigma"]),
                     check["unit"],
                     _limits(check["smallest"], check["largest"]),
                     check["verdict"] + why,
-                ):
-                    ui.label(text)
+                )
+                _row("td", cells)
+
+
+def _row(kind: str, texts: Sequence[str]) -> None:
+    """A row of a table."""
+    with ui.element("tr"):
+        for text in texts:
+            with ui.element(kind):
+                ui.label(text)
 
 
 def _limits(low: float | None, high: float | None) -> str:

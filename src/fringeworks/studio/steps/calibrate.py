@@ -6,8 +6,18 @@ from functools import partial
 
 from nicegui import ui
 
+from fringeworks.studio.places import Place
 from fringeworks.studio.steps.live import live_picture
-from fringeworks.studio.steps.parts import Step, devices, named, show_findings, work
+from fringeworks.studio.steps.parts import (
+    Step,
+    devices,
+    finding_lines,
+    named,
+    place_link,
+    plot,
+    show_findings,
+    work,
+)
 from fringeworks.studio.worker import Job
 
 
@@ -21,8 +31,8 @@ class _Calibrate:
 
     def __init__(self, step: Step) -> None:
         self._step, self._studio = step, step.studio
-        with ui.row().classes("items-end"):
-            board = ui.input("Board: kind:COLUMNSxROWS:SIZE_MM").classes("w-72")
+        with ui.row().classes("fw-fields"):
+            board = ui.input("Board: kind:COLUMNSxROWS:SIZE_MM").classes("fw-wide")
             board.bind_value(self._studio, "board")
             draw = step.attempt(partial(self._studio.print_board, step.session))
             ui.button("Board as PDF", on_click=draw).props("flat no-caps")
@@ -35,10 +45,18 @@ class _Calibrate:
             ui.button("Judge again", on_click=judge).props("flat no-caps")
             calibrate = step.attempt(partial(self._studio.calibrate, step.session))
             ui.button("Calibrate", on_click=calibrate).props("outline no-caps")
+            check = step.attempt(partial(self._studio.check_rig, step.session))
+            ui.button("Check the rig", on_click=check).props("flat no-caps")
         work(step, ("calibrate", "judging"), self._judged, devices=True)
         self._poses()
         work(step, ("calibrating", "drawing the board"), self._calibrated)
+        work(step, ("checking the rig",), self._checked, devices=True)
+        self._drift = ui.label().classes("fw-lines").props('role="status"')
         self._verdict()
+
+    def _checked(self, job: Job) -> None:
+        lines = [job.result["text"], *(line for line, _ in finding_lines(job.result))]
+        self._drift.set_text("\n".join(lines))
 
     def _judged(self, job: Job) -> None:
         self._studio.poses = job.result
@@ -59,7 +77,7 @@ class _Calibrate:
             if said["problem"]:
                 text = f"{said['problem']}. The next pose takes its place."
             ui.label(text).props('role="status"')
-        if said.get("judgement"):
+        if said.get("judgement") and not self._studio.calibrated_with_all():
             ui.label(said["judgement"])
         with ui.row():
             for name in self._studio.workspace.taken_poses():
@@ -79,9 +97,9 @@ class _Calibrate:
             return
         values = self._studio.verdict
         said = values.get("verdict", {}).get("text", "There is a rig.")
-        ui.label(f"{said} Next: scan.").props('role="status"')
+        ui.label(said).props('role="status"')
         show_findings(values)
-        if rig.with_suffix(".png").is_file():
-            stamp = rig.stat().st_mtime_ns
-            picture = ui.image(f"/file/rig.png?{stamp}").classes("w-full max-w-5xl bg-white")
-            picture.props('alt="Coverage and residuals of the calibration"')
+        warned = any(warns for _, warns in finding_lines(values))
+        words = "Scan with this rig; what is said above would make it better"
+        place_link(words if warned else "Next: scan", Place("scan"))
+        plot(self._step, "rig.png", "Coverage and residuals of the calibration")

@@ -6,7 +6,7 @@ from functools import partial
 
 from nicegui import ui
 
-from fringeworks.studio.steps.parts import Step, work
+from fringeworks.studio.steps.parts import Step, commands, empty, work
 from fringeworks.studio.worker import Job
 
 FORMATS = {
@@ -24,6 +24,8 @@ OF_POINTS = {
     "E57": (".e57", ""),
     "LAS": (".las", ""),
 }
+MESHES = {"STL, to print": ".stl", "OBJ": ".obj", "3MF": ".3mf", "GLB": ".glb"}
+"""Meshes of points in the order of a frame's pixels."""
 """Further formats of points."""
 OF_HEIGHTS = {"TIFF": (".tif", ""), "X3P": (".x3p", ""), "GSF": (".gsf", "")}
 """Further formats of heights over a plane."""
@@ -33,7 +35,7 @@ def build(step: Step) -> None:
     """Build the step."""
     studio, shown = step.studio, step.session.shown
     if shown is None or not shown.result:
-        ui.label("Measure something first; then it can be written.")
+        empty("Measure something in Look first; then it can be written.")
     else:
         ui.label(f"{shown.source}, as it is shown:")
         heights = "quantity" in shown.result["figures"]
@@ -42,24 +44,19 @@ def build(step: Step) -> None:
             for name, (suffix, kind) in formats.items():
                 write = step.attempt(partial(studio.export, step.session, shown, suffix, kind))
                 ui.button(name, on_click=write).props("outline no-caps")
+            for name, suffix in {} if heights else MESHES.items():
+                mesh = step.attempt(partial(studio.write_mesh, step.session, shown, suffix))
+                ui.button(name, on_click=mesh).props("outline no-caps")
 
     def written(job: Job) -> None:
         ui.download(f"/file/{job.result}", job.result)
-        commands.refresh()
+        done.refresh()
 
     work(step, ("writing",), written)
 
     @ui.refreshable
-    def commands() -> None:
-        if not studio.log.done:
-            return
-        done = studio.log.done
-        shell = "\n".join(command.shell for command in done if command.shell)
-        python = "\n".join(["import fringeworks as fw", *(command.python for command in done)])
-        for name, does, text in (("Commands", "do", shell), ("Python", "does", python)):
-            ui.label(f"{name} that {does} the same").classes("text-lg")
-            ui.label(text).classes("fw-code")
-            copy = ui.button("Copy", on_click=lambda _, t=text: ui.clipboard.write(t))
-            copy.props(f'flat dense no-caps aria-label="Copy the {name}"')
+    def done() -> None:
+        if studio.log.done:
+            commands(step)
 
-    commands()
+    done()

@@ -8,7 +8,7 @@ from nicegui import ui
 
 from fringeworks.pair.analyse import methods
 from fringeworks.studio.learning import BODIES, PAIRS, SLIDERS
-from fringeworks.studio.steps.parts import Step, work
+from fringeworks.studio.steps.parts import Step, disclosure, work
 from fringeworks.studio.worker import Job
 
 PAPER_PX = (200, 300, 500, 1000)
@@ -27,20 +27,20 @@ class _Learn:
     def __init__(self, step: Step) -> None:
         self._step, self._studio, self._session = step, step.studio, step.session
         self._sliders: dict[str, Any] = {}
-        with ui.row().classes("items-end"):
+        with ui.row().classes("fw-fields"):
             self._experiment = ui.select(
                 list(BODIES), value=next(iter(BODIES)), label="Experiment", on_change=self._offer
-            ).classes("w-48")
-            self._body = ui.select([], label="Body").classes("w-36")
+            ).classes("fw-field")
+            self._body = ui.select([], label="Body").classes("fw-narrow")
             names = list(methods())
-            self._method = ui.select(names, value="windowed", label="Method").classes("w-48")
+            self._method = ui.select(names, value="windowed", label="Method").classes("fw-field")
             self._painted = ui.checkbox("Painted")
-        self._settings = ui.grid(columns="max-content 16rem max-content").classes("items-center")
+        self._settings = ui.element("div").classes("fw-sliders")
         self._offer()
         ui.button("Try", on_click=step.attempt(self._begin)).props("no-caps")
         work(step, ("trying",), self._tried)
         self._told = ui.label().props('role="status"')
-        element = ui.element("div").classes("fringe-viewer-mount w-full")
+        element = ui.element("div").classes("fringe-viewer-mount fw-full")
         self._mount = f"c{element.id}"
         ui.timer(0.1, self._show, once=True)
 
@@ -99,10 +99,10 @@ class _Learn:
 def _dissertation(step: Step) -> None:
     """The figures of the dissertation's chapter 4, made again."""
     studio = step.studio
-    with ui.expansion("The dissertation's figures and its table of errors").classes("w-full"):
-        with ui.row().classes("items-end"):
+    with disclosure("The dissertation's figures and its table of errors"):
+        with ui.row().classes("fw-fields"):
             size = ui.select(list(PAPER_PX), value=300, label="Side of the scenes, px")
-            size.classes("w-44")
+            size.classes("fw-field")
             draw = step.attempt(lambda: studio.draw_figures(step.session, int(size.value)))
             ui.button("Draw them", on_click=draw).props("no-caps")
 
@@ -119,10 +119,10 @@ def _dissertation(step: Step) -> None:
             ui.link("The chapter as a page", studio.figure_address("chapter4.html"), new_tab=True)
             with ui.row():
                 for name in names:
-                    with ui.column().classes("gap-0"):
+                    with ui.column().classes("fw-close"):
                         caption = name.removesuffix(".svg").replace("_", " ")
                         picture = ui.image(studio.figure_address(name))
-                        picture.classes("w-80 bg-white").props["alt"] = caption
-                        ui.label(caption).classes("opacity-80")
+                        picture.classes("fw-wide").props["alt"] = caption
+                        ui.label(caption).classes("fw-quiet")
 
         figures()

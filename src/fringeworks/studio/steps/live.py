@@ -9,7 +9,15 @@ import numpy as np
 from nicegui import ui
 
 from fringeworks.studio.bench import LIVE_PICTURE, LIVE_POINTS
-from fringeworks.studio.steps.parts import UPDATE_S, Step, work
+from fringeworks.studio.steps.parts import (
+    UPDATE_S,
+    Step,
+    checked,
+    described,
+    disclosure,
+    number,
+    work,
+)
 from fringeworks.studio.worker import Job
 
 ROUND_S = 0.1
@@ -21,7 +29,7 @@ def live_picture(step: Step, *, board: bool = False) -> None:
     title = "Live picture: saturated pixels are red"
     if board:
         title = "Live picture: corners are green, amber marks what is missing"
-    with ui.expansion(title).classes("w-full max-w-4xl"):
+    with disclosure(title):
         _Picture(step, board)
 
 
@@ -31,13 +39,13 @@ class _Picture:
     def __init__(self, step: Step, board: bool) -> None:
         self._step, self._studio, self._board = step, step.studio, board
         self._numbers = itertools.count()
-        with ui.row().classes("items-end"):
+        with ui.row().classes("fw-fields"):
             self._light = ui.select({"grey": "Even light", "fringes": "Fringes"}, value="grey")
-            self._light.props('aria-label="Light"').classes("w-32")
-            self._level = ui.slider(min=0, max=1, step=0.05, value=1.0).classes("w-40")
+            self._light.props('aria-label="Light"').classes("fw-narrow")
+            self._level = ui.slider(min=0, max=1, step=0.05, value=1.0).classes("fw-field")
             self._level.props('label aria-label="Grey level that is projected"')
             self._level.bind_visibility_from(self._light, "value", lambda v: v == "grey")
-            self._exposure = ui.number("Exposure, ms", min=0.02, max=10_000).classes("w-32")
+            self._exposure = number("Exposure, ms", low=0.02, high=10_000).classes("fw-narrow")
             ui.button("Start", on_click=step.attempt(self._start)).props("flat no-caps")
             ui.button("Stop", on_click=step.attempt(self._stop)).props("flat no-caps")
             find = step.attempt(lambda: self._studio.find_exposure(step.session))
@@ -45,6 +53,7 @@ class _Picture:
         self._told = ui.label("Brightness and sharpness appear here.").props('role="status"')
         self._of_board = ui.label()
         self._picture = ui.interactive_image(cross=True, events=["mousemove"]).classes("fw-live")
+        described(self._picture, "What the camera sees")
         self._under = ui.label()
         self._picture.on_mouse(lambda event: self._under.set_text(self._value(event)))
         ui.timer(UPDATE_S, self._update)
@@ -56,7 +65,7 @@ class _Picture:
             self._step.session,
             self._light.value,
             float(self._level.value),
-            self._exposure.value,
+            checked(self._exposure),
             board=self._board,
         )
 
@@ -110,7 +119,7 @@ class _Picture:
 def live_points(step: Step) -> None:
     """Measure points again and again, and show them as they come."""
     studio = step.studio
-    with ui.expansion("Live points").classes("w-full"):
+    with disclosure("Live points"):
         with ui.row().classes("items-center"):
             begin = step.attempt(lambda: studio.start_points(step.session))
             ui.button("Start live points", on_click=begin).props("flat no-caps")
@@ -118,7 +127,7 @@ def live_points(step: Step) -> None:
             ui.button("Stop live points", on_click=stop).props("flat no-caps")
         told = ui.label("The clouds per second appear here.").props('role="status"')
         work(step, (LIVE_POINTS,), devices=True, endless=True)
-        mount = ui.element("div").classes("fringe-viewer-mount fw-live-points w-full")
+        mount = ui.element("div").classes("fringe-viewer-mount fw-live-points fw-full")
         shown = {"number": 0}
 
         def update() -> None:

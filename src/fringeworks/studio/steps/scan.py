@@ -8,9 +8,23 @@ from typing import Any
 from nicegui import ui
 
 from fringeworks.scan.bench import Take
+from fringeworks.studio.places import Place
 from fringeworks.studio.steps.live import live_points
-from fringeworks.studio.steps.parts import UPDATE_S, Step, devices, finding_lines, work
+from fringeworks.studio.steps.parts import (
+    UPDATE_S,
+    Step,
+    checked,
+    devices,
+    finding_lines,
+    heading,
+    number,
+    place_link,
+    work,
+)
 from fringeworks.studio.worker import Job
+
+LATEST = 8
+"""Captures that are listed below a scan; the others are in the list of captures."""
 
 
 def build(step: Step) -> None:
@@ -25,15 +39,15 @@ class _Scan:
         self._step, self._studio = step, step.studio
         self._seen = self._studio.series
         devices(step)
-        with ui.row().classes("items-end"):
-            self._name = ui.input("Name", value=self._next()).classes("w-48")
+        with ui.row().classes("fw-fields"):
+            self._name = ui.input("Name", value=self._next()).classes("fw-field")
             self._exposures = _whole("Exposures", 8)
             self._average = _whole("Frames averaged", 64)
             self._series = _whole("Scans", 999)
-            self._turn = ui.number("Turntable step, degrees", value=0, min=0, max=180)
-            self._turn.classes("w-44")
-            self._pause = ui.number("Pause before each scan, s", value=0, min=0, max=3600)
-            self._pause.classes("w-40")
+            self._turn = number("Turntable step, degrees", value=0, low=0, high=180)
+            self._turn.classes("fw-field")
+            self._pause = number("Pause before each scan, s", value=0, low=0, high=3600)
+            self._pause.classes("fw-field")
         start = step.attempt(self._start)
         with ui.row():
             self._auto = ui.checkbox("Choose the exposure first")
@@ -45,35 +59,34 @@ class _Scan:
             ui.button("Stop the series", on_click=stop).props("flat no-caps")
         ui.keyboard(on_key=lambda event: start() if _pressed(event) else None)
         self._waiting = ui.label().props('role="status"')
-        self._problem = (
-            ui.label().classes("text-negative whitespace-pre-line").props('role="alert"')
-        )
+        self._problem = ui.label().classes("fw-bad fw-lines").props('role="alert"')
         work(step, ("scan",), devices=True)
         ui.timer(UPDATE_S, self._update)
-        with ui.row().classes("items-end"):
-            self._board = ui.input("Board on the turntable, if any").classes("w-80")
+        with ui.row().classes("fw-fields"):
+            self._board = ui.input("Board on the turntable, if any").classes("fw-wide")
             merge = step.attempt(self._merge)
             ui.button("Merge the views", on_click=merge).props("outline no-caps")
         work(step, ("merging",), self._merged)
-        self._merging = ui.label().classes("whitespace-pre-line").props('role="status"')
+        self._merging = ui.label().classes("fw-lines").props('role="status"')
         self._taken()
         live_points(step)
 
     def _start(self) -> None:
         """Begin a series; one scan is a series of one."""
-        name, count = str(self._name.value), int(self._series.value or 1)
-        turn = float(self._turn.value or 0)
+        name, count = str(self._name.value), int(checked(self._series) or 1)
+        turn = checked(self._turn) or 0.0
         self._studio.start_series(
             self._step.session,
             series_names(name, count, turn),
-            float(self._pause.value or 0),
+            checked(self._pause) or 0.0,
             Take(
                 auto_exposure=bool(self._auto.value),
-                hdr=int(self._exposures.value or 1),
-                average=int(self._average.value or 1),
+                hdr=int(checked(self._exposures) or 1),
+                average=int(checked(self._average) or 1),
                 fast=bool(self._fast.value),
                 resume=bool(self._resume.value),
             ),
+            turn,
         )
 
     def _update(self) -> None:
@@ -101,7 +114,7 @@ class _Scan:
         series = self._studio.series
         taken = [] if series is None or series.running else list(series.taken)
         name = f"{taken[0].rpartition('-')[0]}-merged" if taken else ""
-        turn, board = float(self._turn.value or 0), str(self._board.value or "").strip()
+        turn, board = checked(self._turn) or 0.0, str(self._board.value or "").strip()
         self._studio.merge_views(self._step.session, taken, board, turn, name)
 
     def _merged(self, job: Job) -> None:
@@ -111,16 +124,18 @@ class _Scan:
         self._step.attempt(partial(self._look, found["file"]))()
 
     def _look(self, capture: str) -> None:
-        self._studio.look(self._step.session, capture, "windowed", {})
-        self._step.go("look")
+        self._step.go("look", capture)
 
     @ui.refreshable_method
     def _taken(self) -> None:
-        for capture in self._studio.workspace.captures():
-            with ui.row().classes("items-center"):
-                ui.label(capture)
-                show = self._step.attempt(partial(self._look, capture))
-                ui.button("Look", on_click=show).props("flat dense no-caps")
+        captures = self._studio.workspace.captures()
+        if not captures:
+            return
+        heading("Latest captures")
+        for capture in captures[-LATEST:]:
+            place_link(capture, Place("look", capture))
+        if len(captures) > LATEST:
+            place_link(f"All {len(captures)} captures", Place("captures"))
 
     def _next(self) -> str:
         """The first name that is free."""
@@ -140,7 +155,7 @@ def series_names(name: str, count: int, turn_deg: float) -> list[str]:
 
 def _whole(label: str, most: int) -> Any:
     """A field for a whole number."""
-    return ui.number(label, value=1, min=1, max=most, precision=0).classes("w-36")
+    return number(label, value=1, low=1, high=most, whole=True).classes("fw-narrow")
 
 
 def _pressed(event: object) -> bool:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from nicegui import ui
 
 from fringeworks.files.findings import findings_as_dicts
+from fringeworks.studio.places import Place
 from fringeworks.studio.steps.live import live_picture
-from fringeworks.studio.steps.parts import Step, devices, show_findings, work
+from fringeworks.studio.steps.parts import Step, devices, place_link, plot, show_findings, work
 from fringeworks.studio.worker import Job
 
 
@@ -36,11 +37,9 @@ def build(step: Step) -> None:
             return
         found = studio.findings()
         if not found:
-            ui.label("No finding: the devices suit each other. Next: calibrate.")
+            ui.label("No finding: the devices suit each other.")
+        place_link("Next: calibrate", Place("calibrate"))
         show_findings({"findings": findings_as_dicts(found)})
-        if studio.workspace.setup.with_suffix(".png").is_file():
-            stamp = studio.workspace.setup.stat().st_mtime_ns
-            picture = ui.image(f"/file/setup.png?{stamp}").classes("w-full max-w-5xl bg-white")
-            picture.props('alt="Pictures of all tests of the set-up"')
+        plot(step, "setup.png", "Plots of all tests of the set-up")
 
     findings()

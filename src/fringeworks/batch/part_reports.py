@@ -1,0 +1,87 @@
+"""The reports of the parts of a batch, which its own report links to."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal, cast
+from urllib.parse import quote
+
+import numpy as np
+
+from fringeworks.batch.run import BatchResult
+from fringeworks.batch.store import Store
+from fringeworks.evaluate.inspect import Check, Inspection, Verdict
+from fringeworks.report.page.report import write_report
+from fringeworks.types import FileProblem, PartTolerance, Rig
+from fringeworks.types.recipe import UNITS
+
+Parts = Literal["all", "failed", "none"]
+"""Parts that get a report of their own."""
+UNSAFE = re.compile(r"[^\w.-]+")
+"""What the names of files do not hold: names of parts may come from an address."""
+
+
+def write_part_reports(
+    path: Path, result: BatchResult, parts: Parts, progress: Callable[[str], None]
+) -> dict[str, str]:
+    """Write the reports of parts into a folder beside the batch's, and return links to them.
+
+    Parameters
+    ----------
+    path : path
+        Report of the batch; those of its parts have the same format.
+    result : BatchResult
+    parts : "all", "failed" or "none"
+    progress : callable
+
+    Returns
+    -------
+    Links from the report of the batch, by the names of the parts.
+
+    Raises
+    ------
+    FileProblem for a folder that cannot be written to.
+    """
+    chosen = [
+        row
+        for row in result.rows
+        if row.get("address") and (parts == "all" or row.get("verdict") != "pass")
+    ]
+    if parts == "none" or not chosen:
+        return {}
+    folder = path.with_name(f"{path.stem}-parts")
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise FileProblem(f"{folder}: could not be made: {error.strerror}") from error
+    rig = result.recipe.rig if isinstance(result.recipe.rig, Rig) else None
+    store, links = Store(result.folder), {}
+    for row in chosen:
+        name = str(row["scan"])
+        place = folder / f"{UNSAFE.sub('_', name)}{path.suffix}"
+        progress(f"report of {name}")
+        write_report(place, {name: inspection_of(result, store, row)}, rig=rig)
+        links[name] = f"{quote(folder.name)}/{quote(place.name)}"
+    return links
+
+
+def inspection_of(result: BatchResult, store: Store, row: Mapping[str, Any]) -> Inspection:
+    """The inspection of a part as its row has it."""
+    surface = store.surface(row["address"])
+    checks = tuple(_check(one, row) for one in result.tolerances)
+    seconds = float(row.get("seconds") or 0.0)
+    return Inspection(checks, surface, surface.findings, seconds, result.recipe)
+
+
+def _check(one: PartTolerance, row: Mapping[str, Any]) -> Check:
+    value, sigma = (row.get(name) for name in (one.name, f"{one.name} σ"))
+    return Check(
+        one,
+        np.nan if value is None else float(value),
+        np.nan if sigma is None else float(sigma),
+        UNITS[one.quantity],
+        cast("Verdict", row.get(f"{one.name} verdict", "undecided")),
+        str(row.get(f"{one.name} why", "")),
+    )

@@ -1,0 +1,1 @@
+"""A robot and its camera: how poses are written, and where the camera is."""

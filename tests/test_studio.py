@@ -23,6 +23,7 @@ from fringeworks.studio.state import Studio
 from fringeworks.studio.steps.parts import finding_lines
 from fringeworks.studio.steps.scan import series_names
 from fringeworks.types import Finding, InputError
+from fringeworks.types.numbers import number
 from tests import browser
 from tests.studio_page import Running, Visitor
 
@@ -386,7 +387,7 @@ def test_areas_are_drawn_and_parts_judged(pages, shared):
     visitor.sees("pair: fail")
     found = fw.inspect(shared.folder / "pair", shared.folder / "recipe.toml")
     assert found.verdict == "fail"
-    visitor.sees(f"{found.checks[0].value:.5g}")
+    visitor.sees(number(found.checks[0].value, found.checks[0].sigma))
     # Measured within the area only, as the command line does it.
     visitor.choose("Measure only", "area-1")
     visitor.page.wait_for_function(

@@ -13,6 +13,7 @@ from fringeworks.studio.bench import BY_ITSELF, VIRTUAL
 from fringeworks.studio.session import Session
 from fringeworks.studio.worker import Job
 from fringeworks.types import InputError
+from fringeworks.types.numbers import sigma_text
 
 if TYPE_CHECKING:
     from fringeworks.studio.state import Studio
@@ -167,7 +168,8 @@ class Tour:
     def _of_part(self) -> str:
         figures = self._result()["figures"]
         assert isinstance(figures, dict)
-        return f"{figures['points']:,} points, median σ {figures['median_sigma_mm']:.2g} mm."
+        sigma = sigma_text(figures["median_sigma_mm"], "mm")
+        return f"{figures['points']:,} points, median σ {sigma}."
 
 
 def begin_tour(studio: Studio, session: Session) -> Tour:

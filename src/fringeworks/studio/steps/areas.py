@@ -12,6 +12,7 @@ from nicegui import ui
 from fringeworks.studio.steps.parts import Step, described, disclosure, named, work
 from fringeworks.studio.worker import Job
 from fringeworks.types import Area, InputError, PartTolerance
+from fringeworks.types.numbers import limit, number, sigma_text
 from fringeworks.types.recipe import FROM_MODEL, QUANTITIES
 
 EVERYWHERE = "everywhere"
@@ -265,8 +266,8 @@ class Areas:
                 why = f": {check['why']}" if check["why"] else ""
                 cells = (
                     check["name"],
-                    _number(check["value"]),
-                    _number(check["sigma"]),
+                    number(check["value"], check["sigma"]),
+                    sigma_text(check["sigma"]),
                     check["unit"],
                     _limits(check["smallest"], check["largest"]),
                     check["verdict"] + why,
@@ -284,12 +285,8 @@ def _row(kind: str, texts: Sequence[str]) -> None:
 
 def _limits(low: float | None, high: float | None) -> str:
     parts = [
-        f"{words} {value:g}"
+        f"{words} {limit(value)}"
         for words, value in (("at least", low), ("at most", high))
         if value is not None
     ]
     return ", ".join(parts)
-
-
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.5g}"

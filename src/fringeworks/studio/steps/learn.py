@@ -10,6 +10,7 @@ from fringeworks.pair.analyse import methods
 from fringeworks.studio.learning import BODIES, PAIRS, SLIDERS
 from fringeworks.studio.steps.parts import Step, disclosure, work
 from fringeworks.studio.worker import Job
+from fringeworks.types.numbers import number, percent
 
 PAPER_PX = (200, 300, 500, 1000)
 """Sides of the dissertation's scenes; the last one is its own."""
@@ -90,8 +91,8 @@ class _Learn:
         ui.run_javascript(f"fringeShow('{self._mount}', [{self._session.tried}])")
         unit = found["unit"]
         self._told.set_text(
-            f"{found['method']}: mean error {found['mean']:.3g} {unit}, largest "
-            f"{found['largest']:.3g} {unit}, {found['failed']:.1%} without a value. "
+            f"{found['method']}: mean error {number(found['mean'], unit=unit)}, largest "
+            f"{number(found['largest'], unit=unit)}, {percent(found['failed'])} without a value. "
             "The layer Deviation is the true error."
         )
 

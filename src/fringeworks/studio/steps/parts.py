@@ -18,7 +18,7 @@ from fringeworks.studio.plots import DARK_FOLDER
 from fringeworks.studio.session import Session
 from fringeworks.studio.state import Studio
 from fringeworks.studio.worker import Job
-from fringeworks.types import InputError
+from fringeworks.types import InputError, numbers
 
 UPDATE_S = 0.25
 """Interval at which work is polled, s."""
@@ -285,7 +285,9 @@ def figures(values: dict[str, Any], names: dict[str, str]) -> None:
 def _figure(name: str, value: Any) -> str:
     """A figure as it is read: shares in %, counts in groups of three digits."""
     if name.endswith(", %"):
-        return f"{100.0 * value:.3g}"
+        return numbers.percent(value).removesuffix(" %")
     if isinstance(value, int) and not isinstance(value, bool):
         return f"{value:,}"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    if not isinstance(value, float):
+        return str(value)
+    return numbers.sigma_text(value) if "σ" in name else numbers.number(value)

@@ -95,10 +95,10 @@ def test_tables():
         "edge": None,
     }
     assert list(csv.DictReader(io.StringIO(format_table(rows, "csv"))))[1]["mean"] == "2.0"
-    assert format_table(rows, "markdown").splitlines()[2] == "| a | 0.1235 | – |"
+    assert format_table(rows, "markdown").splitlines()[2] == "| a | 0.123 | – |"
     text = format_table(rows).splitlines()
     assert text[0].split() == ["object", "mean", "edge"]
-    assert text[1].split() == ["a", "0.1235", "–"]
+    assert text[1].split() == ["a", "0.123", "–"]
     assert format_table([], "json") == "[]\n"
 
 

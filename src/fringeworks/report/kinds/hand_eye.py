@@ -11,6 +11,7 @@ from fringeworks.files.findings import findings_as_dicts
 from fringeworks.report.kind import Kind, Rows, Word, describe
 from fringeworks.report.summary import origin
 from fringeworks.rig.robot.hand_eye import HandEye
+from fringeworks.types.numbers import number, sigma_text
 
 
 def figures(found: HandEye) -> dict[str, Any]:
@@ -53,7 +54,7 @@ def words(found: HandEye, _: dict[str, Any]) -> Iterator[Word]:
     """The transform, every pose as the others predict it, and what was found."""
     yield found.text
     rows = [
-        [name, f"{off:.3f}", f"{sigma:.3f}", "" if used else "left out"]
+        [name, number(off, sigma), sigma_text(sigma), "" if used else "left out"]
         for name, off, sigma, used in zip(
             found.names, found.left_out_mm, found.left_out_sigma_mm, found.used, strict=True
         )

@@ -269,8 +269,8 @@ def robot_poses(values: Any, poses_as: str = "", *, names: Iterable[str] = ()) -
         x, y, z, then three angles or a quaternion; or matrices.
     poses_as : str
         How they are written: the maker ("ur", "kuka", "abb", "fanuc", "yaskawa", "staubli", "ros",
-        …), or words such as "zyx:deg:mm", "xyzw:m" or "inverse". What is left out is found by
-        ``hand_eye``, or refused where several readings fit.
+        …), or words such as "zyx:deg:mm", "xyzw:m", "direct" or "inverse". What is left out is
+        found by ``hand_eye``, or refused where several readings fit.
     names : strings, optional
         One for each pose.
 
@@ -284,7 +284,7 @@ def robot_poses(values: Any, poses_as: str = "", *, names: Iterable[str] = ()) -
 
     Examples
     --------
-    >>> robot_poses([[600, 0, 400, 90, 0, 180]], "kuka").transforms[0, :3, 3].tolist()
+    >>> robot_poses([[600, 0, 400, 90, 0, 180]], "kuka:direct").transforms[0, :3, 3].tolist()
     [600.0, 0.0, 400.0]
     """
     try:

@@ -191,7 +191,7 @@ def test_pages_are_as_wide_as_a_phone(opened):
     for step in STEPS:
         ready(visitor, step.capitalize())
         wide[step] = overflow(visitor.page)
-        head = visitor.page.locator(".fw-top").bounding_box()
+        head = visitor.page.locator("header.fw-top").bounding_box()
         assert head["height"] < 844 / 5
     assert not {step: px for step, px in wide.items() if px > 0}
     assert not violations(visitor.page)

@@ -134,6 +134,14 @@ def _rough_width(smoothing: tuple[Smoothing, ...], period_px: float) -> float:
     return min(max(_widest(smoothing), least * period_px), most * period_px)
 
 
+def without(values: FloatMap, known: BoolMap, width_px: tuple[float, float]) -> FloatMap:
+    """What a Gaussian of these widths along y and x removes of a map; 0 where unknown."""
+    rest = smooth_known(values, known, width_px)
+    np.subtract(values, rest, out=rest)
+    rest[~known] = 0.0
+    return rest
+
+
 def _removed(u: FloatMap, known: BoolMap, smoothing: tuple[Smoothing, ...]) -> FloatMap:
     """What the kernels remove, (h, w), px; the surface goes on with its slope at the border."""
     margin = [(min(int(MARGIN_WIDTHS * _widest(smoothing)) + 1, n - 1),) * 2 for n in u.shape]
@@ -141,19 +149,13 @@ def _removed(u: FloatMap, known: BoolMap, smoothing: tuple[Smoothing, ...]) -> F
     del u
     where = np.pad(known, margin, mode="reflect")
 
-    def without(v: FloatMap, width_px: tuple[float, float]) -> FloatMap:
-        rest = smooth_known(v, where, width_px)
-        np.subtract(v, rest, out=rest)
-        rest[~where] = 0.0
-        return rest
-
     total: FloatMap | None = None
     for kernel in smoothing:
-        once = without(padded, kernel.width_px)
+        once = without(padded, where, kernel.width_px)
         if kernel is smoothing[-1]:
             del padded
         over = kernel.corrected_over_px
-        part = without(once, kernel.width_px if over is None else over)
+        part = without(once, where, kernel.width_px if over is None else over)
         if over is None:
             part += once
         del once

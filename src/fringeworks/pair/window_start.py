@@ -13,7 +13,7 @@ from fringeworks.pair.bandpass import HALF_WIDTH, band_kernel
 from fringeworks.pair.methods.fourier import fourier
 from fringeworks.pair.orders import continues, guided_count
 from fringeworks.pair.prepared import QUANTISATION_VARIANCE, PreparedPair, fill_nearest
-from fringeworks.pair.smoothed_away import MEAN_TO_SIGMA
+from fringeworks.pair.smoothed_away import MEAN_TO_SIGMA, without
 from fringeworks.pair.windows import MIN_RATIO, Fitted, Windows
 from fringeworks.signal.bands import row_bands
 from fringeworks.signal.filters import enlarged, gaussian, reduced, smooth_known, widened
@@ -227,8 +227,9 @@ def variance_of_start(
     known = np.isfinite(found.displacement_px) & np.isfinite(found.sigma_px)
     if walls is not None:
         known &= ~widened(walls, round(2.0 * start.fine_px))
-    lacking = _without(start.displacement_px + start.removed_px, known, start.fine_px)
-    lacking += CREASE * _without(lacking, known, start.fine_px)
+    fine_px = (start.fine_px, start.fine_px)
+    lacking = without(start.displacement_px + start.removed_px, known, fine_px)
+    lacking += CREASE * without(lacking, known, fine_px)
     lacking += start.removed_px
     lacking[~known] = 0.0
     spread = SPREAD_PERIODS * windows.period_px
@@ -237,7 +238,7 @@ def variance_of_start(
         chosen = found.scale == k
         if not chosen.any():
             continue
-        left = _without(lacking, known, width)
+        left = without(lacking, known, (width, width))
         np.abs(left, out=left)
         left = MEAN_TO_SIGMA * smooth_known(left, known, (spread, spread))
         wide, fine = (_shares(start, kernel, width) for kernel in (start.wide_px, start.fine_px))
@@ -246,14 +247,6 @@ def variance_of_start(
         of_surface = np.maximum(left[chosen] ** 2 - in_left * n, 0.0)
         added[chosen] = in_result * n + np.where(known[chosen], of_surface, 0.0)
     return added
-
-
-def _without(values: FloatMap, known: BoolMap, width_px: float) -> FloatMap:
-    """What a Gaussian removes of a map; 0 where unknown."""
-    rest = smooth_known(values, known, (width_px, width_px))
-    np.subtract(values, rest, out=rest)
-    rest[~known] = 0.0
-    return rest
 
 
 def _shares(start: Start, kernel_px: float, width_px: float) -> tuple[float, float]:

@@ -41,7 +41,14 @@ export class Scene {
       [mesh.normals, 4, gl.BYTE],
       [4 * surface.reason.length, 1, gl.FLOAT],
     ];
-    mesh.buffers = attributes.map(([data, size, type], place) => {
+    mesh.buffers = this.upload(attributes);
+    return mesh;
+  }
+
+  /** Buffers of the attributes of the bound vertex array: data or their size, components, type. */
+  upload(attributes) {
+    const { gl } = this;
+    return attributes.map(([data, size, type], place) => {
       const buffer = gl.createBuffer();
       gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
       gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
@@ -49,7 +56,6 @@ export class Scene {
       gl.vertexAttribPointer(place, size, type, type === gl.BYTE, 0, 0);
       return buffer;
     });
-    return mesh;
   }
 
   /** Upload the drawing's mesh, which stands behind the surface; `at` makes places of points. */
@@ -64,14 +70,7 @@ export class Scene {
       [cornerNormals(places, faces), 4, gl.BYTE],
       [none, 1, gl.FLOAT],
     ];
-    const buffers = kinds.map(([data, size, type], place) => {
-      const buffer = gl.createBuffer();
-      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-      gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
-      gl.enableVertexAttribArray(place);
-      gl.vertexAttribPointer(place, size, type, type === gl.BYTE, 0, 0);
-      return buffer;
-    });
+    const buffers = this.upload(kinds);
     gl.bindVertexArray(null);
     const buffer = gl.createBuffer();
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffer);

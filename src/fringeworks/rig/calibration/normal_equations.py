@@ -3,8 +3,8 @@
 A corner depends on the parameters that all corners share (rig, poses, smooth errors of the board)
 and on the three offsets of its own point of the board. The points' part of the normal matrix
 therefore consists of 3 × 3 blocks. Eliminating them leaves a system of the shared parameters only
-(Schur complement; Triggs et al., LNCS 1883, 2000, §6): for 200 points and eight poses 93 unknowns
-instead of 693.
+(Schur complement; Triggs et al., LNCS 1883, 2000, §6): for 200 points and eight poses 75 unknowns
+instead of 675, and 33 more of each where smooth errors beside the bow are estimated.
 """
 
 from __future__ import annotations

@@ -37,9 +37,9 @@ def rig_of(shape=(161, 233)):
     return fw.Rig(camera, projector, pose, np.diag(sigma**2), (0.01, 0.01))
 
 
-def captured(plan, rig, *, seed=0, step_mm=30.0, gain=200.0, shift_mm=0.0):
-    """Frames of a wavy surface with a cliff, pixels that see two depths, and shadow, in noise of two
-    counts."""
+def captured(plan, rig, *, seed=0, step_mm=30.0, gain=200.0, shift_mm=0.0, shadow=0.01):
+    """Frames of a wavy surface with a cliff, pixels that see two depths, and shadow with a share of
+    the light, in noise of two counts."""
     h, w = rig.camera.shape
     v, u = np.mgrid[:h, :w].astype(float)
     depth = 500.0 + shift_mm + 8.0 * np.sin(u / 30.0) + step_mm * (u > 0.6 * w)
@@ -57,6 +57,6 @@ def captured(plan, rig, *, seed=0, step_mm=30.0, gain=200.0, shift_mm=0.0):
         at = pixels[..., axis]
         for k in range(block.frames):
             values = block.values(at, k) * (1 - mixed) + block.values(others[..., axis], k) * mixed
-            light = 20.0 + gain * values * np.where(v > 0.9 * h, 0.01, 1.0)
+            light = 20.0 + gain * values * np.where(v > 0.9 * h, shadow, 1.0)
             frames.append(np.clip(np.rint(light + 2.0 * rng.standard_normal(at.shape)), 0, 255))
     return [frame.astype(np.uint8) for frame in frames]

@@ -45,8 +45,13 @@ def test_the_first_stack_is_decoded_as_by_decode(axes):
 def test_points_are_those_of_two_steps_to_the_bit(axes, kind):
     rig, plan = rig_of(), plan_of(axes)
     scale = 16 if kind is np.uint16 else 1
+    # The rim of a shadow raises σ by what blur may shift there, and the weights of the axes with it.
+    shadow = 1.0 if axes == "xy" else 0.01
     stacks = [
-        [(scale * frame.astype(np.int32)).astype(kind) for frame in captured(plan, rig, seed=k)]
+        [
+            (scale * frame.astype(np.int32)).astype(kind)
+            for frame in captured(plan, rig, seed=k, shadow=shadow)
+        ]
         for k in range(3)
     ]
     one, two = (fw.stack.Decoder(plan, rig.camera.shape, kind, rig=rig) for _ in range(2))
@@ -55,6 +60,21 @@ def test_points_are_those_of_two_steps_to_the_bit(axes, kind):
         isolated = np.sum(cloud.reason == fw.Reason.ISOLATED)
         assert isolated > 0, "no pixel of the cliff is isolated: the test shows nothing"
         assert np.isfinite(cloud.xyz_mm).all(axis=2).mean() > 0.8, k
+
+
+def test_weights_beside_a_shadow_hardly_move_points():
+    """Where neighbours raise σ, one pass weighs the axes by their noise alone."""
+    rig, plan = rig_of(), plan_of("xy")
+    one, two = (fw.stack.Decoder(plan, rig.camera.shape, rig=rig) for _ in range(2))
+    for seed in range(2):
+        frames = captured(plan, rig, seed=seed)
+        cloud = one.points(frames)
+        expected = fw.rig.Triangulator(rig_of()).triangulate(
+            two.decode(frames), epipolar_px=two.epipolar_px
+        )
+        same_maps(cloud, expected, ("reason",))
+        off = np.linalg.norm(cloud.xyz_mm - expected.xyz_mm, axis=2)
+        assert np.nanmax(off / expected.noise_mm) < 1.0
 
 
 @pytest.mark.parametrize("shape", [(3, 240), (5, 133), (66, 91), (130, 480)])

@@ -9,7 +9,7 @@ from scipy import ndimage
 import fringeworks as fw
 from fringeworks import _core
 from fringeworks.patterns import GrayCode, PhaseSteps, equal_steps
-from fringeworks.stack.edges import line_shift, remove_blur_shift
+from fringeworks.stack.edges import Light, line_shift, remove_blur_shift
 from tests.grids import thinned
 from tests.oracles import edges as oracle
 
@@ -20,6 +20,7 @@ MARGIN = 8
 SHAPE = (160, 220)
 WIDTH = 912
 NEAR_PX = 3.0
+KINDS = ("modulation", "background")
 
 
 def plan_of(*blocks):
@@ -178,10 +179,10 @@ def test_even_light_shows_no_blur():
     y, x = np.mgrid[:120, :200].astype(float)
     column = (1.3 * x + 3.0 * np.sin(y / 20.0) + 0.05 * rng.standard_normal(x.shape)).astype("f4")
     sigma = np.full(x.shape, 0.05, np.float32)
-    modulation = (60.0 + 0.5 * rng.standard_normal(x.shape)).astype(np.float32)
+    light = Light.of({k: 60.0 + 0.5 * rng.standard_normal(x.shape).astype("f4") for k in KINDS})
     before = column.copy()
     fringes = {"period_px": 16.0, "repeats_px": np.inf}
-    assert remove_blur_shift(column, sigma, modulation, **fringes) == 0.0
-    assert line_shift(column, sigma, modulation, **fringes) is None
+    assert remove_blur_shift(column, sigma, light, **fringes) == 0.0
+    assert line_shift(column, sigma, light, **fringes) is None
     np.testing.assert_array_equal(column, before)
     assert (sigma == np.float32(0.05)).all()

@@ -10,8 +10,8 @@ from scipy import ndimage
 
 import fringeworks as fw
 from fringeworks import _core
+from fringeworks.pair.methods.window_start import start_field
 from fringeworks.pair.prepared import prepare
-from fringeworks.pair.window_start import start_field
 from fringeworks.pair.windows import Windows
 from tests.oracles import albedo as oracle
 

@@ -7,9 +7,9 @@ import pytest
 
 from fringeworks import InputError, Pair, Reason, _core, analyse, reconstruct
 from fringeworks.evaluate.truth_errors import errors
+from fringeworks.pair.methods.window_start import start_field
 from fringeworks.pair.prepared import prepare
 from fringeworks.pair.reference_plane import to_surface
-from fringeworks.pair.window_start import start_field
 from fringeworks.pair.windows import smooth_reference, spline_coefficients
 from tests.conftest import scene, true_displacement
 from tests.grids import quick, thinned

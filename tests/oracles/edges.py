@@ -8,6 +8,12 @@ from tests.oracles.isolated import difference, moved
 
 RINGS = 4
 MIN_DETERMINANT = 0.05
+BEYOND = (2, 3, 4, 5, 6, 7)
+
+
+def parabola_at_0(places):
+    """Weights of the values at places in the parabola's value at 0."""
+    return np.linalg.pinv(np.vander(places, 3, increasing=True))[0]
 
 
 def change(light, down, right):
@@ -63,7 +69,7 @@ def edge_rings(coordinate, sigma, most, repeats=np.inf):
                 step = np.abs(rise - k * slope) >= most
                 nearest[np.where(smooth, step, np.abs(rise) >= 2.0 * most)] = k
             error, noise = np.zeros(coordinate.shape), sigma**2
-            for k, weight in ((2, 6.0), (3, -8.0), (4, 3.0)):
+            for k, weight in zip(BEYOND, parabola_at_0(BEYOND), strict=True):
                 error = error + weight * difference(at(coordinate, -k), coordinate, repeats)
                 noise = noise + weight**2 * at(sigma, -k) ** 2
             seen = np.abs(error) < most

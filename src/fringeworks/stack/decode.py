@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from fringeworks import _core
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.signal.response import Response
-from fringeworks.stack.edges import fringes_of, remove_blur_shift, sigma_beside_steps
+from fringeworks.stack.edges import (
+    Light,
+    cover_blur_shift,
+    fringes_of,
+    remove_blur_shift,
+    sigma_beside_steps,
+)
 from fringeworks.stack.examine import Judgement, examine
 from fringeworks.stack.frames import (
     Planes,
@@ -293,8 +299,11 @@ def compare_neighbours(
     decoding = found.decoding
     coordinate, sigma = results["coordinate"], results["sigma"]
     fringes, blur_px = fringes_of(decoding), 0.0
+    light = Light.of(results)
     if found.blurred:
-        blur_px = remove_blur_shift(coordinate, sigma, results["modulation"], **fringes)
+        blur_px = remove_blur_shift(coordinate, sigma, light, **fringes)
+    if blur_px == 0.0 and found.most_blur_px2 > 0.0:
+        cover_blur_shift(coordinate, sigma, light, found.most_blur_px2, **fringes)
     if typical_px is not None:
         maps = (coordinate, sigma, results["reason"])
         _core.mark_isolated(*maps, typical=typical_px, repeats=decoding.repeats_px)

@@ -262,7 +262,10 @@ class Decoder:
         found = self._found
         if found is None or self._depth or not _in_one_pass(found):
             return None
-        if not any(a.scatters or a.steps or a.pull_px for a in found.axes.values()):
+        raising = (
+            a.scatters or a.steps or a.pull_px or a.most_blur_px2 for a in found.axes.values()
+        )
+        if not any(raising):
             return None
         plain = self._one_pass(planes, triangulator, None, None)
         with np.errstate(invalid="ignore", divide="ignore"):

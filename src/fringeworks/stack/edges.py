@@ -7,10 +7,12 @@ hidden, so that σ covers it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypedDict, Unpack
+from collections.abc import Callable, Mapping
+from statistics import NormalDist
+from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from fringeworks import _core
@@ -58,11 +60,39 @@ ROBUST = 2.0
 ROUNDS = 8
 """Rounds of reweighting; most stacks need four."""
 
+FITTED = 2
+"""Neighbours to each side that a slope is fitted to, px, as in the kernel."""
+
+EDGE_REACH = 4
+"""Distance from an edge of brightness to both sides at which its height is taken, px: twice the
+blur of usual lenses."""
+
+CLEAR = 20.0
+"""Smallest height of an edge whose width is taken, over the noise of the modulation: the share of
+it over two pixels is then known to 0.1."""
+
+CLEAR_SHARE = 0.3
+"""The same over the brighter side. Lower ones are texture of which several edges meet."""
+
+SHARPEST = 0.75
+"""Quantile of the rise of edges over two pixels that counts as that of the sharpest. Half of all
+edges lie between pixels or aslant."""
+
+SHARPEST_RISE = 0.9999
+"""Largest rise over two pixels, over the height of the edge: that of a blur of 0.26 px, which is
+less than the area of a pixel makes."""
+
+FEWEST_EDGES = 5
+"""Smallest number of edges that bound the blur."""
+
 SLOPE_REACH = 3
 """Distance to both sides over which the slope along a line is taken, px."""
 
 STEEPEST = 0.25
 """Steepest slope of a coordinate along a line that is used, periods of the fringes per px."""
+
+NOT_SEEN = (0.0, float("inf"), 0.0)
+"""Coefficient, error and scatter where the coordinates tell nothing of the blur."""
 
 TINY = 1e-12
 """Divides instead of a zero."""
@@ -89,8 +119,41 @@ def fringes_of(decoding: Decoding) -> Fringes:
     return {"period_px": decoding.finest_px, "repeats_px": decoding.repeats_px}
 
 
+class Light(NamedTuple):
+    """Logarithms of the light of a map, NaN where there is none."""
+
+    modulation: FloatMap
+    background: FloatMap
+
+    @classmethod
+    def of(cls, maps: Mapping[str, Any]) -> Light:
+        """The light of decoded maps."""
+        return cls(_log(maps["modulation"]), _log(maps["background"]))
+
+
+class Lines(NamedTuple):
+    """Maps of which some rows are compared along themselves."""
+
+    coordinate: FloatMap
+    sigma: FloatMap
+    light: Light
+    rows: slice
+
+    @classmethod
+    def across(cls, coordinate: FloatMap, sigma: FloatMap, light: Light, stride: int) -> Lines:
+        """Every stride-th row of maps, with the neighbours that its slopes are fitted to."""
+        reach = np.arange(-FITTED, FITTED + 1)
+        rows = np.arange(FITTED, coordinate.shape[0] - FITTED, stride)[:, None] + reach
+
+        def taken(values: FloatMap) -> FloatMap:
+            return np.ascontiguousarray(values[rows.ravel()])
+
+        parts = Light(taken(light.modulation), taken(light.background))
+        return cls(taken(coordinate), taken(sigma), parts, np.s_[FITTED :: reach.size])
+
+
 def remove_blur_shift(
-    coordinate: FloatMap, sigma: FloatMap, modulation: FloatMap, **fringes: Unpack[Fringes]
+    coordinate: FloatMap, sigma: FloatMap, light: Light, **fringes: Unpack[Fringes]
 ) -> float:
     """Remove the shift of coordinates by the camera's blur at edges of brightness, in place.
 
@@ -98,7 +161,8 @@ def remove_blur_shift(
     ----------
     coordinate, sigma : (h, w) float32 arrays, projector px
         NaN where a coordinate is unknown.
-    modulation : (h, w) float32 array, counts
+    light : Light
+        Maps of the same shape.
 
     Returns
     -------
@@ -110,30 +174,85 @@ def remove_blur_shift(
     modulation. v is the regression of the third differences of u on those of the shift, which
     vanish on smooth surfaces. σ contains the error of v, and the noise of ln B.
     """
-    light, period_px, repeats_px = _log(modulation), fringes["period_px"], fringes["repeats_px"]
-    shift, slope = np.empty((2, *coordinate.shape), np.float32)
-
-    def shift_of(moved: FloatMap) -> FloatMap:
-        steps: _core._EdgeSteps = {"most": 0.5 * period_px, "repeats": repeats_px}
-        _core.blur_shift(moved, sigma, light, steps, shift, slope)
-        return np.asarray(shift)
-
-    stride = -(-coordinate.size // SAMPLED)
-    found = _blur(coordinate, sigma, shift_of, period_px, ((1, stride), (0, stride)))
+    stride, slope = -(-coordinate.size // SAMPLED), np.empty(coordinate.shape, np.float32)
+    shift_of = _shift_by(fringes)
+    turned = Light(light.modulation.T, light.background.T)
+    both = ((coordinate, sigma, light), (coordinate.T, sigma.T, turned))
+    lines = [Lines.across(*maps, stride) for maps in both if maps[0].shape[0] > 2 * FITTED]
+    found = _blur(lines, shift_of, fringes["period_px"])
     if found is None:
         return 0.0
-    variance, error, _ = found
+    variance, error = found
+    moved = coordinate
+    for _ in range(PASSES - 1):
+        shift = shift_of(moved, sigma, light.modulation, slope)
+        moved = coordinate - np.float32(variance) * shift
     # The modulation of equal steps has the relative noise of the phase, its difference over 2 px
     # half of that variance.
-    noise = 0.5 * (variance * TURN / period_px) ** 2
+    noise = 0.5 * (variance * TURN / fringes["period_px"]) ** 2
     sigma *= np.sqrt(1.0 + np.float32(noise) * slope)
     np.hypot(sigma, np.float32(error) * shift, out=sigma)
     coordinate -= np.float32(variance) * shift
     return float(variance**0.5)
 
 
+def cover_blur_shift(
+    coordinate: FloatMap,
+    sigma: FloatMap,
+    light: Light,
+    most_px2: float,
+    **fringes: Unpack[Fringes],
+) -> None:
+    """Add to σ, in place, the shift by a blur of which only the largest variance is known.
+
+    Every variance up to ``most_px2`` is as likely: the mean square of the shift is a third of that
+    by the largest. The other parameters are those of ``remove_blur_shift``.
+    """
+    shift = _shift_by(fringes)(coordinate, sigma, light.modulation)
+    np.hypot(sigma, np.float32(most_px2 / 3.0**0.5) * shift, out=sigma)
+
+
+def line_sigma(
+    coordinate: FloatMap,
+    sigma: FloatMap,
+    light: Light,
+    most_px2: float,
+    **fringes: Unpack[Fringes],
+) -> FloatMap:
+    """The same for single lines, (r, l): σ with the shift along them."""
+    shift = _shift_along(fringes)(coordinate, sigma, light.modulation)
+    return np.asarray(np.hypot(sigma, np.float32(most_px2 / 3.0**0.5) * shift))
+
+
+def _shift_by(fringes: Fringes) -> Callable[..., FloatMap]:
+    """The function that computes the shift by blur of one px² on maps."""
+    steps: _core._EdgeSteps = {"most": 0.5 * fringes["period_px"], "repeats": fringes["repeats_px"]}
+
+    def shift_of(
+        moved: FloatMap, sigma: FloatMap, light: FloatMap, slope: FloatMap | None = None
+    ) -> FloatMap:
+        shift = np.empty(moved.shape, np.float32)
+        slope = np.empty_like(shift) if slope is None else slope
+        _core.blur_shift(moved, sigma, light, steps, shift, slope)
+        return shift
+
+    return shift_of
+
+
+def _shift_along(fringes: Fringes) -> Callable[..., FloatMap]:
+    """The function that computes the same along lines."""
+
+    def shift_of(moved: FloatMap, sigma: FloatMap, light: FloatMap) -> FloatMap:
+        del sigma
+        rise = _continued(_central(moved, SLOPE_REACH), SLOPE_REACH)
+        rise[~(np.abs(rise) < STEEPEST * fringes["period_px"])] = np.nan
+        return np.asarray(np.nan_to_num(rise * _central(light, 1)))
+
+    return shift_of
+
+
 def line_shift(
-    coordinate: FloatMap, sigma: FloatMap, modulation: FloatMap, **fringes: Unpack[Fringes]
+    coordinate: FloatMap, sigma: FloatMap, light: Light, **fringes: Unpack[Fringes]
 ) -> FloatMap | None:
     """Shift of coordinates along single lines, (r, l), by the camera's blur, projector px; None
     where the lines do not show any.
@@ -141,17 +260,40 @@ def line_shift(
     The parameters are those of ``remove_blur_shift``. Slopes across the lines are not known: the
     shift is that along them.
     """
-    light, period_px = _log(modulation), fringes["period_px"]
-
-    def shift_of(moved: FloatMap) -> FloatMap:
-        rise = _central(moved, SLOPE_REACH)
-        rise[~(np.abs(rise) < STEEPEST * period_px)] = np.nan
-        return np.asarray(np.nan_to_num(rise * _central(light, 1)))
-
     if coordinate.shape[1] <= 2 * SLOPE_REACH:
         return None
-    found = _blur(coordinate, sigma, shift_of, period_px, ((1, 1),))
-    return None if found is None else np.float32(found[0]) * found[2]
+    shift_of = _shift_along(fringes)
+    found = _blur([Lines(coordinate, sigma, light, np.s_[:])], shift_of, fringes["period_px"])
+    if found is None:
+        return None
+    variance = np.float32(found[0])
+    moved = coordinate - variance * shift_of(coordinate, sigma, light.modulation)
+    return np.asarray(variance * shift_of(moved, sigma, light.modulation))
+
+
+def most_blur(light: Light, sigma: FloatMap, **fringes: Unpack[Fringes]) -> float:
+    """Largest variance of the camera's blur that the sharpest edges of brightness along lines,
+    (r, l), allow, px²; 0 where there are too few edges.
+
+    A Gaussian edge of standard deviation s rises by erf(1 / (√2 s)) of its height over two pixels.
+    Edges of shades are wider than blur makes them: only the narrowest tell it.
+    """
+    modulation, known = np.nan_to_num(np.exp(light.modulation)), np.isfinite(sigma)
+    if modulation.shape[1] <= 2 * EDGE_REACH or not known.any():
+        return 0.0
+    rise = np.abs(modulation[:, 2:] - modulation[:, :-2])
+    steepest = sliding_window_view(rise, 2 * EDGE_REACH - 1, axis=1).max(axis=-1)
+    rise = rise[:, EDGE_REACH - 1 : 1 - EDGE_REACH]
+    ends = np.stack([modulation[:, 2 * EDGE_REACH :], modulation[:, : -2 * EDGE_REACH]])
+    noise = TURN / fringes["period_px"] * median((sigma * modulation)[known])
+    height = np.abs(ends[0] - ends[1])
+    clear = height > np.fmax(CLEAR * noise, CLEAR_SHARE * ends.max(axis=0))
+    share = rise[(rise == steepest) & clear] / height[(rise == steepest) & clear]
+    share = share[share <= 1.0]
+    if share.size < FEWEST_EDGES:
+        return 0.0
+    sharpest = min(quantile(share, SHARPEST), SHARPEST_RISE)
+    return float(NormalDist().inv_cdf(0.5 * (1.0 + sharpest)) ** -2)
 
 
 def _log(modulation: FloatMap) -> FloatMap:
@@ -169,78 +311,100 @@ def _central(values: FloatMap, reach: int) -> FloatMap:
     return slopes
 
 
-def _blur(
-    coordinate: FloatMap,
-    sigma: FloatMap,
-    shift_of: Callable[[FloatMap], FloatMap],
-    period_px: float,
-    directions: tuple[tuple[int, int], ...],
-) -> tuple[float, float, FloatMap] | None:
-    """Variance of the blur and its standard error, px², and the shift by blur of one px²; None
-    where the coordinates show none.
+def _continued(slopes: FloatMap, reach: int) -> FloatMap:
+    """Slopes along rows that go on from the next known one, up to ``reach`` pixels beyond it.
 
-    ``shift_of`` computes the shift from coordinates without it; ``directions`` are the axes along
-    which coordinates are compared, each with the stride of the lines.
+    The rim of a surface shows the blur best: beyond it there is no light at all.
     """
-    moved, least, before = coordinate, 0.25 * period_px, float("inf")
+    for _ in range(reach):
+        before = slopes.copy()
+        for to, of in ((np.s_[:, 1:], np.s_[:, :-1]), (np.s_[:, :-1], np.s_[:, 1:])):
+            unknown = np.isnan(slopes[to])
+            slopes[to][unknown] = before[of][unknown]
+    return slopes
+
+
+def _blur(
+    lines: list[Lines], shift_of: Callable[..., FloatMap], period_px: float
+) -> tuple[float, float] | None:
+    """Variance of the blur and its standard error at an edge, px²; None where coordinates show
+    none.
+
+    ``shift_of`` computes the shift by blur of one px² from coordinates without it, from σ, and
+    from a logarithm of light.
+    """
+    least, variance, before = 0.25 * period_px, 0.0, float("inf")
+    shifts = [np.zeros_like(some.coordinate) for some in lines]
     for _ in range(PASSES):
-        shift = shift_of(moved)
-        parts = [
-            _differences(
-                [np.moveaxis(m, k, 1)[::stride] for m in (coordinate, sigma, shift)], least
-            )
-            for k, stride in directions
-        ]
-        seen, made, noise = (np.concatenate(values) for values in zip(*parts, strict=True))
-        variance, error = _regression(seen, made, noise)
+        parts = []
+        for k, (coordinate, sigma, light, rows) in enumerate(lines):
+            moved = coordinate - np.float32(variance) * shifts[k]
+            told = shift_of(moved, sigma, light.background)
+            shifts[k] = shift_of(moved, sigma, light.modulation)
+            compared = [m[rows] for m in (coordinate, sigma, shifts[k], told)]
+            parts.append(_differences(compared, least))
+        if not parts:
+            return None
+        variance, error, spread = _regression(
+            *(np.concatenate(p) for p in zip(*parts, strict=True))
+        )
         if not SIGNIFICANT * error < variance < MOST_BLUR_PX**2:
             return None
         if abs(variance - before) < SETTLED * variance:
             break
-        moved, before = coordinate - np.float32(variance) * shift, variance
-    return variance, error, shift
+        before = variance
+    return variance, float(np.hypot(error, spread))
 
 
-def _differences(maps: list[FloatMap], step_px: float) -> tuple[FloatMap, FloatMap, FloatMap]:
-    """Third differences along rows of coordinate and shift, and the variance of the former, where
-    no depth step lies between the pixels. ``maps`` are coordinate, σ and shift."""
-    coordinate, sigma, shift = maps
+def _differences(maps: list[FloatMap], step_px: float) -> tuple[FloatMap, ...]:
+    """Third differences along rows of the coordinate and of both shifts, and the variance of the
+    first, where no depth step lies between the pixels. ``maps`` are coordinate, σ and the shifts by
+    modulation and by background."""
+    coordinate, sigma, shift, told = maps
     length = max(0, coordinate.shape[1] - 2 * STEP)
     left, middle, right = (coordinate[:, k * STEP : k * STEP + length] for k in range(3))
     straight: BoolMap = np.abs(left - 2.0 * middle + right) < step_px
     smooth = straight[:, STEP:] & straight[:, :-STEP]
     variance = third_difference_variance(sigma**2, STEP)[smooth]
-    return (
-        third_difference(coordinate, STEP)[smooth],
-        third_difference(shift, STEP)[smooth],
-        variance,
-    )
+    seen, made, by = (third_difference(m, STEP)[smooth] for m in (coordinate, shift, told))
+    return seen, made, by, variance
 
 
-def _regression(seen: FloatMap, made: FloatMap, noise: FloatMap) -> tuple[float, float]:
+def _regression(
+    seen: FloatMap, made: FloatMap, told: FloatMap, noise: FloatMap
+) -> tuple[float, float, float]:
     """Robust coefficient of what was ``seen`` on what the shift has ``made``, by the variances of
-    the noise, and its standard error; infinite where there are too few values, or where the shift
-    explains little of them."""
+    the noise, its standard error, and its scatter from edge to edge; an infinite error where there
+    are too few values, or where the shift explains little of them.
+
+    The noise of the modulation is in ``made`` and would lower the coefficient. What the background
+    has ``told`` of the same shift has another noise: it is the instrument of the regression.
+    """
     if seen.size < MIN_DIFFERENCES:
-        return 0.0, float("inf")
-    influence = made**2 / noise
+        return NOT_SEEN
+    influence = told**2 / noise
     strong = influence >= max(quantile(influence, STRONG), TINY)
     if not strong.any():
-        return 0.0, float("inf")
-    seen, made, noise = seen[strong], made[strong], noise[strong]
-    weight, found = 1.0 / noise, 0.0
+        return NOT_SEEN
+    seen, made, told, noise = seen[strong], made[strong], told[strong], noise[strong]
+    weight, found, common = 1.0 / noise, 0.0, 0.0
     for _ in range(ROUNDS):
-        found = float(np.sum(weight * seen * made) / np.sum(weight * made**2))
+        common = float(np.sum(weight * told * made))
+        if common <= 0.0:
+            return NOT_SEEN
+        found = float(np.sum(weight * seen * told)) / common
         off = (seen - found * made) ** 2 / noise
         scatter = median(off) / NORMAL_MEDIAN**2
         weight = 1.0 / noise / (1.0 + off / max(ROBUST**2 * scatter, TINY))
     left = seen - found * made
     excess = np.sum(weight * (seen**2 - noise))
     if np.sum(weight * (seen**2 - left**2)) < EXPLAINED * excess:
-        return 0.0, float("inf")
-    scores = weight * made * left
-    error = float(np.sqrt(SHARED * np.sum(scores**2)) / np.sum(weight * made**2))
-    return found, error
+        return NOT_SEEN
+    scores = weight * told * left
+    error = float(np.sqrt(SHARED * np.sum(scores**2))) / common
+    # Higher orders of the blur change with the edge: they scatter about the common coefficient.
+    spread = np.sum(weight * (left**2 - noise)) / np.sum(weight * made**2)
+    return found, error, float(max(spread, 0.0) ** 0.5)
 
 
 def sigma_beside_steps(

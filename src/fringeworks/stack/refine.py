@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fringeworks.patterns.order_chain import GRAY_REACH, TURN
 from fringeworks.stack import words
 from fringeworks.stack.decoded_sample import decode_by_gray_code, decode_sample
-from fringeworks.stack.edges import fringes_of, has_steps, line_shift
+from fringeworks.stack.edges import Light, fringes_of, has_steps, line_shift, line_sigma, most_blur
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import SEAM_SIGMAS, Decoding, PhaseFrames
 from fringeworks.stack.line_profile import with_line_floor
@@ -79,6 +79,9 @@ class Refined:
     """Whether neighbouring coordinates may differ by more than their standard deviations."""
     blurred: bool = False
     """Whether blur shifts coordinates at edges of brightness."""
+    most_blur_px2: float = 0.0
+    """Largest variance of the camera's blur that edges of brightness allow, px²; 0 where there are
+    none, so that blur shifts nothing."""
     steps: bool = False
     """Whether coordinates jump as at depth steps."""
     response_seen: bool = False
@@ -145,8 +148,10 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
 def _compared(found: Refined, maps: dict[str, Any]) -> Refined:
     """What was found, with what neighbours along the lines show."""
     decoding, findings = found.decoding, found.findings
-    coordinate, sigma = maps["coordinate"], maps["sigma"]
-    blur = line_shift(coordinate, sigma, maps["modulation"], **fringes_of(decoding))
+    coordinate, sigma, light = maps["coordinate"], maps["sigma"], Light.of(maps)
+    fringes = fringes_of(decoding)
+    most_blur_px2 = most_blur(light, sigma, **fringes)
+    blur = line_shift(coordinate, sigma, light, **fringes)
     pull = _pull(decoding, coordinate if blur is None else coordinate - blur)
     pull_px = 0.0 if pull is None else RIPPLE_FACTOR * pull.rms_px
     usual = sigma[np.isfinite(sigma)]
@@ -155,6 +160,8 @@ def _compared(found: Refined, maps: dict[str, Any]) -> Refined:
     if blur is not None:
         # Higher orders of the blur are left of large shifts: they say nothing of the scatter.
         coordinate = np.where(np.abs(blur) < sigma, coordinate - blur, np.float32(np.nan))
+    elif most_blur_px2 > 0.0:
+        sigma = line_sigma(coordinate, sigma, light, most_blur_px2, **fringes)
     seen = (coordinate, np.hypot(sigma, np.float32(pull_px)), decoding.most_scatter_px)
     rough = scatters(*seen)
     if rough and by_pixel(*seen):
@@ -165,7 +172,8 @@ def _compared(found: Refined, maps: dict[str, Any]) -> Refined:
         pull_px=pull_px,
         scatters=found.uneven or rough or blur is not None,
         blurred=blur is not None,
-        steps=has_steps(maps["coordinate"], **fringes_of(decoding)),
+        most_blur_px2=most_blur_px2,
+        steps=has_steps(maps["coordinate"], **fringes),
         votes=worth_voting(decoding, maps),
     )
 
@@ -197,7 +205,7 @@ def _with_line_scatter(
 def _without_blur(decoding: Decoding, maps: dict[str, Any], known: Known, k: int) -> Ripple | None:
     """The ripple of a set along lines without the shift by blur, which is taken out of the maps'
     phases; None where there is no shift."""
-    seen = (maps["coordinate"], maps["sigma"], maps["modulation"])
+    seen = (maps["coordinate"], maps["sigma"], Light.of(maps))
     blur = line_shift(*seen, **fringes_of(decoding))
     if blur is None:
         return None

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from fringeworks.pair.albedo import albedo_error
 from fringeworks.pair.edges import Edges, FitSettings, across_edges
-from fringeworks.pair.prepared import PreparedPair, fill_nearest
-from fringeworks.pair.registry import Solution, method
-from fringeworks.pair.still_edges import mixed_paint, still_edges
-from fringeworks.pair.window_start import (
+from fringeworks.pair.methods.window_start import (
     MIN_SHARE_COUNTED,
     smoothed,
     start_field,
     variance_of_start,
 )
+from fringeworks.pair.prepared import PreparedPair, fill_nearest
+from fringeworks.pair.registry import Solution, method
+from fringeworks.pair.still_edges import mixed_paint, still_edges
 from fringeworks.pair.windows import (
     CONFIDENCE,
     SCALE_LIMITS_PX,

@@ -142,17 +142,42 @@ def random_maps(shape, seed):
     return [values.astype(np.float32) for values in (column, sigma, light)]
 
 
+def lights_of(modulation, background, faint=0.0):
+    shift, told = np.empty((2, *background.shape), np.float32)
+    maps = {"modulation": modulation, "background": background, "shift": shift, "told": told}
+    return {**maps, "faint": faint}
+
+
+def test_places_without_edges_are_left_out():
+    """A ramp whose left half is even: in places of 16 pixels there, nothing is computed."""
+    column = np.tile(1.5 * np.arange(128, dtype=np.float32), (30, 1))
+    light = np.tile(np.fmax(0.0, 0.1 * (np.arange(128, dtype=np.float32) - 64)), (30, 1))
+    sigma, slope = np.full_like(column, 0.01), np.empty_like(column)
+    steps = {"most": 8.0, "repeats": np.inf}
+    exact, lights = lights_of(light, light), lights_of(light, light, faint=0.04)
+    for some in (exact, lights):
+        _core.blur_shift(column, sigma, some, steps, slope)
+    assert (slope[:, :48] == 0.0).all()
+    np.testing.assert_array_equal(lights["shift"][:, 64:], exact["shift"][:, 64:])
+    np.testing.assert_allclose(lights["shift"][:, 66:-1], 0.15, rtol=1e-4)
+
+
 @pytest.mark.parametrize("repeats", [np.inf, 40.0])
 @pytest.mark.parametrize("shape", [(1, 1), (2, 9), (40, 70), (21, 130)])
 def test_kernels_agree_with_their_oracles(shape, repeats):
     column, sigma, light = random_maps(shape, 3)
     if np.isfinite(repeats):
         column %= np.float32(repeats)
-    shift, slope = np.empty((2, *shape), np.float32)
-    _core.blur_shift(column, sigma, light, {"most": 8.0, "repeats": repeats}, shift, slope)
+    slope = np.empty(shape, np.float32)
+    other = np.roll(light, 3)
+    lights = lights_of(light, other)
+    _core.blur_shift(column, sigma, lights, {"most": 8.0, "repeats": repeats}, slope)
+    shift = lights["shift"]
     exact = [v.astype(float) for v in (column, sigma, light)]
     expected = oracle.blur_shift(*exact, 8.0, repeats)
     np.testing.assert_allclose(shift, expected[0], rtol=1e-3, atol=1e-3)
+    told, _ = oracle.blur_shift(exact[0], exact[1], other.astype(float), 8.0, repeats)
+    np.testing.assert_allclose(lights["told"], told, rtol=1e-3, atol=1e-3)
     np.testing.assert_allclose(slope, expected[1], rtol=1e-3, atol=1e-3)
     rings = np.empty(shape, np.uint8)
     sums = _core.edge_rings(column, sigma, {"most": 4.0, "repeats": repeats}, rings)
@@ -167,9 +192,9 @@ def test_kernels_refuse_what_does_not_fit():
     one, byte = np.ones((4, 5), np.float32), np.ones((4, 5), np.uint8)
     steps = {"most": 8.0, "repeats": np.inf}
     with pytest.raises(ValueError, match=r"light: expected shape \(4, 5\), got \(2, 5\)"):
-        _core.blur_shift(one, one, one[:2].copy(), steps, one.copy(), one.copy())
+        _core.blur_shift(one, one, lights_of(one[:2].copy(), one), steps, one.copy())
     with pytest.raises(ValueError, match="most: expected above 0 px, got 0"):
-        _core.blur_shift(one, one, one, {**steps, "most": 0.0}, one.copy(), one.copy())
+        _core.blur_shift(one, one, lights_of(one, one), {**steps, "most": 0.0}, one.copy())
     with pytest.raises(ValueError, match="sigma: expected shape"):
         _core.edge_rings(one, one[:2].copy(), steps, byte)
 

@@ -261,12 +261,18 @@ class _EdgeSteps(TypedDict):
     most: float
     repeats: float
 
+class _Lights(TypedDict):
+    modulation: NDArray[np.float32]
+    background: NDArray[np.float32]
+    shift: NDArray[np.float32]
+    told: NDArray[np.float32]
+    faint: float
+
 def blur_shift(
     coordinate: NDArray[np.float32],
     sigma: NDArray[np.float32],
-    light: NDArray[np.float32],
+    lights: _Lights,
     steps: _EdgeSteps,
-    shift: NDArray[np.float32],
     slope: NDArray[np.float32],
 ) -> None: ...
 def edge_rings(

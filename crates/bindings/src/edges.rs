@@ -23,22 +23,46 @@ impl From<Steps> for edges::Steps {
     }
 }
 
-/// Shift of every coordinate by blur of one px², and its squared slope.
+/// Maps of a pair of lights, see the kernel: logarithms, and the shifts that come of them.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Lights<'py> {
+    modulation: PyReadonlyArray2<'py, f32>,
+    background: PyReadonlyArray2<'py, f32>,
+    shift: PyReadwriteArray2<'py, f32>,
+    told: PyReadwriteArray2<'py, f32>,
+    faint: f32,
+}
+
+/// Shift of every coordinate by blur of one px², by modulation and by background, and its squared slope.
 #[pyfunction]
 pub fn blur_shift(
     py: Python<'_>,
     coordinate: PyReadonlyArray2<'_, f32>,
     sigma: PyReadonlyArray2<'_, f32>,
-    light: PyReadonlyArray2<'_, f32>,
+    mut lights: Lights<'_>,
     steps: Steps,
-    mut shift: PyReadwriteArray2<'_, f32>,
     mut slope: PyReadwriteArray2<'_, f32>,
 ) -> PyResult<()> {
     let (coordinate, sigma) = (image_of(&coordinate)?, image_of(&sigma)?);
-    let light = image_of(&light)?;
-    let (shift, slope) = (image_of_mut(&mut shift)?, image_of_mut(&mut slope)?);
+    let by_modulation = edges::Light {
+        light: image_of(&lights.modulation)?,
+        shift: image_of_mut(&mut lights.shift)?,
+    };
+    let by_background = edges::Light {
+        light: image_of(&lights.background)?,
+        shift: image_of_mut(&mut lights.told)?,
+    };
+    let slope = image_of_mut(&mut slope)?;
+    let limits = (steps.into(), lights.faint);
     detached(py, || {
-        edges::blur_shift(coordinate, sigma, light, steps.into(), shift, slope)
+        edges::blur_shift(
+            coordinate,
+            sigma,
+            [by_modulation, by_background],
+            limits,
+            slope,
+        )
     })
 }
 

@@ -50,24 +50,36 @@ pub struct Steps {
     pub repeats: f32,
 }
 
-/// Shift of every coordinate by blur of one px², ∇ln B · ∇u, and the squared slope |∇u|².
+/// Light of a surface, and the shift that its blur makes.
+pub struct Light<'a> {
+    /// Logarithm of the light, NaN where unknown.
+    pub light: Image<'a, f32>,
+    /// Shift of every coordinate by blur of one px².
+    pub shift: ImageMut<'a, f32>,
+}
+
+/// Shift of every coordinate by blur of one px², ∇ln B · ∇u, for two kinds of light, and the squared
+/// slope |∇u|².
 ///
-/// The slope is that of a plane through the neighbours of the same surface, by their variances. Both
-/// results are 0 where no slope is known. `light` is ln B, NaN where unknown.
+/// The slope is that of a plane through the neighbours of the same surface, by their variances. All
+/// results are 0 where no slope is known, and in places where neither light changes by `faint` or more
+/// from pixel to pixel.
 ///
 /// ```
-/// use fringeworks::edges::{Steps, blur_shift};
+/// use fringeworks::edges::{Light, Steps, blur_shift};
 /// use fringeworks::{Image, ImageMut};
 ///
 /// let ramp: Vec<f32> = (0..400).map(|i| 1.5 * (i % 20) as f32).collect();
 /// let light: Vec<f32> = (0..400).map(|i| 0.1 * (i % 20) as f32).collect();
-/// let (mut shift, mut slope) = (vec![0.0; 400], vec![0.0; 400]);
+/// let [mut shift, mut other, mut slope] = [vec![0.0; 400], vec![0.0; 400], vec![0.0; 400]];
+/// let of = |shift| -> Result<_, fringeworks::Error> {
+///     Ok(Light { light: Image::new(&light, 20, 20)?, shift: ImageMut::new(shift, 20, 20)? })
+/// };
 /// blur_shift(
 ///     Image::new(&ramp, 20, 20)?,
 ///     Image::new(&[0.01; 400], 20, 20)?,
-///     Image::new(&light, 20, 20)?,
-///     Steps { most: 8.0, repeats: f32::INFINITY },
-///     ImageMut::new(&mut shift, 20, 20)?,
+///     [of(&mut shift)?, of(&mut other)?],
+///     (Steps { most: 8.0, repeats: f32::INFINITY }, 0.0),
 ///     ImageMut::new(&mut slope, 20, 20)?,
 /// )?;
 /// assert!((shift[210] - 0.15).abs() < 1e-4);
@@ -77,16 +89,19 @@ pub struct Steps {
 pub fn blur_shift(
     coordinate: Image<f32>,
     sigma: Image<f32>,
-    light: Image<f32>,
-    steps: Steps,
-    mut shift: ImageMut<f32>,
+    lights: [Light; 2],
+    (steps, faint): (Steps, f32),
     mut slope: ImageMut<f32>,
 ) -> Result<(), Error> {
     check_shape("sigma", sigma.shape(), coordinate.shape())?;
-    check_shape("light", light.shape(), coordinate.shape())?;
-    check_shape("shift", shift.shape(), coordinate.shape())?;
+    let [mut first, mut second] = lights;
+    for light in [&first, &second] {
+        check_shape("light", light.light.shape(), coordinate.shape())?;
+        check_shape("shift", light.shift.shape(), coordinate.shape())?;
+    }
     check_shape("slope", slope.shape(), coordinate.shape())?;
     check_value("most", steps.most > 0.0, "above 0 px", steps.most)?;
+    check_value("faint", faint >= 0.0, "0 or more", faint)?;
     if coordinate.is_empty() {
         return Ok(());
     }
@@ -94,23 +109,19 @@ pub fn blur_shift(
     let maps = Maps {
         coordinate: coordinate.values(),
         sigma: sigma.values(),
-        light: light.values(),
+        lights: [first.light.values(), second.light.values()],
         width,
         height,
     };
-    let circle = Circle::new(steps.repeats);
-    shift
+    let limits = (Circle::new(steps.repeats), steps.most, faint);
+    let shifts = first
+        .shift
         .par_chunks_mut(width)
+        .zip(second.shift.par_chunks_mut(width));
+    shifts
         .zip(slope.par_chunks_mut(width))
         .enumerate()
-        .for_each(|(y, (shift, slope))| {
-            for x in (0..width).step_by(BLOCK) {
-                let n = BLOCK.min(width - x);
-                let found = fit_block(&maps.window(x, y), circle, steps.most);
-                shift[x..x + n].copy_from_slice(&found.0[..n]);
-                slope[x..x + n].copy_from_slice(&found.1[..n]);
-            }
-        });
+        .for_each(|(y, ((first, second), slope))| maps.fit_row(y, limits, [first, second, slope]));
     Ok(())
 }
 
@@ -118,7 +129,7 @@ pub fn blur_shift(
 struct Maps<'a> {
     coordinate: &'a [f32],
     sigma: &'a [f32],
-    light: &'a [f32],
+    lights: [&'a [f32]; 2],
     width: usize,
     height: usize,
 }
@@ -131,16 +142,28 @@ struct Window {
     coordinate: [[f32; COLUMNS]; 2 * REACH + 1],
     /// Inverse variance.
     weight: [[f32; COLUMNS]; 2 * REACH + 1],
-    light: [[f32; COLUMNS]; 2 * REACH + 1],
+    lights: [[[f32; COLUMNS]; 2 * REACH + 1]; 2],
 }
 
 impl Maps<'_> {
+    /// Both shifts and the squared slope of a row, in blocks.
+    fn fit_row(&self, y: usize, (circle, most, faint): (Circle, f32, f32), out: [&mut [f32]; 3]) {
+        let [first, second, slope] = out;
+        for x in (0..self.width).step_by(BLOCK) {
+            let n = BLOCK.min(self.width - x);
+            let found = fit_block(&self.window(x, y), circle, (most, faint));
+            first[x..x + n].copy_from_slice(&found[0][..n]);
+            second[x..x + n].copy_from_slice(&found[1][..n]);
+            slope[x..x + n].copy_from_slice(&found[2][..n]);
+        }
+    }
+
     fn window(&self, x: usize, y: usize) -> Window {
         let nothing = [[f32::NAN; COLUMNS]; 2 * REACH + 1];
         let mut window = Window {
             coordinate: nothing,
             weight: nothing,
-            light: nothing,
+            lights: [nothing; 2],
         };
         let (left, right) = (x.saturating_sub(REACH), (x + BLOCK + REACH).min(self.width));
         let (start, n) = (left + REACH - x, right - left);
@@ -152,7 +175,9 @@ impl Maps<'_> {
                 };
                 copy(&mut window.coordinate[k], self.coordinate);
                 copy(&mut window.weight[k], self.sigma);
-                copy(&mut window.light[k], self.light);
+                for (row, light) in window.lights.iter_mut().zip(self.lights) {
+                    copy(&mut row[k], light);
+                }
             }
         }
         for weight in window.weight.as_flattened_mut() {
@@ -162,27 +187,44 @@ impl Maps<'_> {
     }
 }
 
-/// Shifts and squared slopes of a block.
+/// Both shifts and the squared slopes of a block.
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
-fn fit_block(window: &Window, circle: Circle, most: f32) -> ([f32; BLOCK], [f32; BLOCK]) {
-    let (mut shift, mut slope) = ([0.0; BLOCK], [0.0; BLOCK]);
-    let light = |k: usize, j: usize| &window.light[k][j..][..BLOCK];
-    let middle = light(REACH, REACH);
-    let along_x = changes(light(REACH, REACH - 1), middle, light(REACH, REACH + 1));
-    let along_y = changes(light(REACH - 1, REACH), middle, light(REACH + 1, REACH));
+fn fit_block(window: &Window, circle: Circle, (most, faint): (f32, f32)) -> [[f32; BLOCK]; 3] {
+    let mut found = [[0.0; BLOCK]; 3];
+    let rises = [0, 1].map(|kind| {
+        let light = |k: usize, j: usize| &window.lights[kind][k][j..][..BLOCK];
+        let middle = light(REACH, REACH);
+        let along_x = changes(light(REACH, REACH - 1), middle, light(REACH, REACH + 1));
+        let along_y = changes(light(REACH - 1, REACH), middle, light(REACH + 1, REACH));
+        [along_x, along_y]
+    });
     for first in (0..BLOCK).step_by(LANES) {
+        // False for NaN.
+        let clear = |values: &[f32; BLOCK]| {
+            values[first..][..LANES]
+                .iter()
+                .fold(false, |some, v| some | (v.abs() >= faint))
+        };
+        let here = &window.coordinate[REACH][REACH + first..][..LANES];
+        if here.iter().all(|u| u.is_nan()) || !rises.as_flattened().iter().any(clear) {
+            continue;
+        }
         let moments = moments_of(window, first, circle, most);
         for lane in 0..LANES {
             let i = first + lane;
             let (x, y, determinant) = plane_of(&moments, lane);
-            let found = x * along_x[i] + y * along_y[i];
-            // False for NaN.
-            let known = (determinant > MIN_DETERMINANT) & (found.abs() < f32::INFINITY);
-            shift[i] = if known { found } else { 0.0 };
-            slope[i] = if known { x * x + y * y } else { 0.0 };
+            let known = determinant > MIN_DETERMINANT;
+            for (shift, [along_x, along_y]) in found.iter_mut().zip(&rises) {
+                let moved = x * along_x[i] + y * along_y[i];
+                // False for NaN.
+                let seen = known & (moved.abs() < f32::INFINITY);
+                shift[i] = if seen { moved } else { 0.0 };
+            }
+            let seen = known & (found[0][i] != 0.0);
+            found[2][i] = if seen { x * x + y * y } else { 0.0 };
         }
     }
-    (shift, slope)
+    found
 }
 
 /// Slopes of values at distances of 1, of which one outer one may be NaN.

@@ -82,6 +82,10 @@ SHARPEST_RISE = 0.9999
 """Largest rise over two pixels, over the height of the edge: that of a blur of 0.26 px, which is
 less than the area of a pixel makes."""
 
+FAINT = 4.0
+"""Slope of the modulation's logarithm, in standard deviations, below which a pixel is no edge: six
+of 100,000 exceed it by noise."""
+
 FEWEST_EDGES = 5
 """Smallest number of edges that bound the blur."""
 
@@ -131,6 +135,11 @@ class Light(NamedTuple):
         return cls(_log(maps["modulation"]), _log(maps["background"]))
 
 
+ShiftOf = Callable[..., tuple[FloatMap, FloatMap]]
+"""Function of coordinates, σ and light: their shift by blur of one px², by modulation and by
+background."""
+
+
 class Lines(NamedTuple):
     """Maps of which some rows are compared along themselves."""
 
@@ -175,7 +184,9 @@ def remove_blur_shift(
     vanish on smooth surfaces. σ contains the error of v, and the noise of ln B.
     """
     stride, slope = -(-coordinate.size // SAMPLED), np.empty(coordinate.shape, np.float32)
-    shift_of = _shift_by(fringes)
+    # The noise of ln B is that of the phase, of its slope over 2 px a root of two less.
+    usual = median(sigma[np.isfinite(sigma)]) if np.isfinite(sigma).any() else 0.0
+    shift_of = _shift_by(fringes, faint=FAINT * TURN / fringes["period_px"] * usual / 2.0**0.5)
     turned = Light(light.modulation.T, light.background.T)
     both = ((coordinate, sigma, light), (coordinate.T, sigma.T, turned))
     lines = [Lines.across(*maps, stride) for maps in both if maps[0].shape[0] > 2 * FITTED]
@@ -183,10 +194,10 @@ def remove_blur_shift(
     if found is None:
         return 0.0
     variance, error = found
-    moved = coordinate
-    for _ in range(PASSES - 1):
-        shift = shift_of(moved, sigma, light.modulation, slope)
-        moved = coordinate - np.float32(variance) * shift
+    shift, _ = _shift_by(fringes)(coordinate, sigma, light, slope)
+    for _ in range(PASSES - 2):
+        again, _ = shift_of(coordinate - np.float32(variance) * shift, sigma, light)
+        np.copyto(shift, again, where=again != 0.0)
     # The modulation of equal steps has the relative noise of the phase, its difference over 2 px
     # half of that variance.
     noise = 0.5 * (variance * TURN / fringes["period_px"]) ** 2
@@ -208,7 +219,7 @@ def cover_blur_shift(
     Every variance up to ``most_px2`` is as likely: the mean square of the shift is a third of that
     by the largest. The other parameters are those of ``remove_blur_shift``.
     """
-    shift = _shift_by(fringes)(coordinate, sigma, light.modulation)
+    shift, _ = _shift_by(fringes)(coordinate, sigma, light)
     np.hypot(sigma, np.float32(most_px2 / 3.0**0.5) * shift, out=sigma)
 
 
@@ -220,33 +231,42 @@ def line_sigma(
     **fringes: Unpack[Fringes],
 ) -> FloatMap:
     """The same for single lines, (r, l): σ with the shift along them."""
-    shift = _shift_along(fringes)(coordinate, sigma, light.modulation)
+    shift, _ = _shift_along(fringes)(coordinate, sigma, light)
     return np.asarray(np.hypot(sigma, np.float32(most_px2 / 3.0**0.5) * shift))
 
 
-def _shift_by(fringes: Fringes) -> Callable[..., FloatMap]:
-    """The function that computes the shift by blur of one px² on maps."""
+def _shift_by(fringes: Fringes, *, faint: float = 0.0) -> ShiftOf:
+    """The function that computes the shift by blur of one px² on maps, by modulation and by
+    background; 0 where neither changes by ``faint`` or more from pixel to pixel."""
     steps: _core._EdgeSteps = {"most": 0.5 * fringes["period_px"], "repeats": fringes["repeats_px"]}
 
     def shift_of(
-        moved: FloatMap, sigma: FloatMap, light: FloatMap, slope: FloatMap | None = None
-    ) -> FloatMap:
-        shift = np.empty(moved.shape, np.float32)
+        moved: FloatMap, sigma: FloatMap, light: Light, slope: FloatMap | None = None
+    ) -> tuple[FloatMap, FloatMap]:
+        shift, told = np.empty((2, *moved.shape), np.float32)
         slope = np.empty_like(shift) if slope is None else slope
-        _core.blur_shift(moved, sigma, light, steps, shift, slope)
-        return shift
+        lights: _core._Lights = {
+            "modulation": light.modulation,
+            "background": light.background,
+            "shift": shift,
+            "told": told,
+            "faint": faint,
+        }
+        _core.blur_shift(moved, sigma, lights, steps, slope)
+        return shift, told
 
     return shift_of
 
 
-def _shift_along(fringes: Fringes) -> Callable[..., FloatMap]:
+def _shift_along(fringes: Fringes) -> ShiftOf:
     """The function that computes the same along lines."""
 
-    def shift_of(moved: FloatMap, sigma: FloatMap, light: FloatMap) -> FloatMap:
+    def shift_of(moved: FloatMap, sigma: FloatMap, light: Light) -> tuple[FloatMap, FloatMap]:
         del sigma
         rise = _continued(_central(moved, SLOPE_REACH), SLOPE_REACH)
         rise[~(np.abs(rise) < STEEPEST * fringes["period_px"])] = np.nan
-        return np.asarray(np.nan_to_num(rise * _central(light, 1)))
+        by_modulation, by_background = (np.nan_to_num(rise * _central(m, 1)) for m in light)
+        return by_modulation, by_background
 
     return shift_of
 
@@ -267,8 +287,9 @@ def line_shift(
     if found is None:
         return None
     variance = np.float32(found[0])
-    moved = coordinate - variance * shift_of(coordinate, sigma, light.modulation)
-    return np.asarray(variance * shift_of(moved, sigma, light.modulation))
+    shift, _ = shift_of(coordinate, sigma, light)
+    shift, _ = shift_of(coordinate - variance * shift, sigma, light)
+    return np.asarray(variance * shift)
 
 
 def most_blur(light: Light, sigma: FloatMap, **fringes: Unpack[Fringes]) -> float:
@@ -324,14 +345,11 @@ def _continued(slopes: FloatMap, reach: int) -> FloatMap:
     return slopes
 
 
-def _blur(
-    lines: list[Lines], shift_of: Callable[..., FloatMap], period_px: float
-) -> tuple[float, float] | None:
+def _blur(lines: list[Lines], shift_of: ShiftOf, period_px: float) -> tuple[float, float] | None:
     """Variance of the blur and its standard error at an edge, px²; None where coordinates show
     none.
 
-    ``shift_of`` computes the shift by blur of one px² from coordinates without it, from σ, and
-    from a logarithm of light.
+    ``shift_of`` computes the shifts by blur of one px² from coordinates without it, σ and light.
     """
     least, variance, before = 0.25 * period_px, 0.0, float("inf")
     shifts = [np.zeros_like(some.coordinate) for some in lines]
@@ -339,8 +357,7 @@ def _blur(
         parts = []
         for k, (coordinate, sigma, light, rows) in enumerate(lines):
             moved = coordinate - np.float32(variance) * shifts[k]
-            told = shift_of(moved, sigma, light.background)
-            shifts[k] = shift_of(moved, sigma, light.modulation)
+            shifts[k], told = shift_of(moved, sigma, light)
             compared = [m[rows] for m in (coordinate, sigma, shifts[k], told)]
             parts.append(_differences(compared, least))
         if not parts:

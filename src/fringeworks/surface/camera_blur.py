@@ -298,13 +298,20 @@ def _at_edges(
     given: FloatMap, ok: BoolMap, light: FloatMap, fringes: _Fringes, removed_px: float
 ) -> FloatMap:
     """The shift at edges of brightness that ``decode`` has removed, px, by the same kernel."""
-    shift, slope = np.zeros((2, *given.shape), np.float32)
+    shift, told, slope = np.zeros((3, *given.shape), np.float32)
     if removed_px > 0:
         # As in ``decode``, the noise of a coordinate goes by the inverse of its light.
         maps = (np.where(ok, given, np.nan), np.where(ok, 1.0 / light, np.nan), np.log(light))
         coordinate, sigma, bright = (values.astype(np.float32) for values in maps)
         steps: _core._EdgeSteps = {"most": np.pi / fringes.finest, "repeats": np.inf}
-        _core.blur_shift(coordinate, sigma, bright, steps, shift, slope)
+        lights: _core._Lights = {
+            "modulation": bright,
+            "background": bright,
+            "shift": shift,
+            "told": told,
+            "faint": 0.0,
+        }
+        _core.blur_shift(coordinate, sigma, lights, steps, slope)
     return np.asarray(removed_px**2 * np.nan_to_num(shift), np.float64)
 
 

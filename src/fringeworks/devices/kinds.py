@@ -42,6 +42,23 @@ def open_memory(folder: str) -> Projector:
     return MemoryProjector(_needed("memory", "FOLDER", folder))
 
 
+def _dlpc900s() -> Iterator[ListedDevice]:
+    from fringeworks.devices.dlpc900 import IDS
+    from fringeworks.devices.hid_link import hid_serials
+
+    for serial in hid_serials(IDS):
+        yield ListedDevice(f"dlpc900:{serial}", "a projector with the controller DLPC900")
+
+
+@registering(PROJECTOR_KINDS, "projector", "dlpc900", _dlpc900s)
+def open_dlpc900(words: str) -> Projector:
+    """``dlpc900`` or ``dlpc900:SERIAL,exposure_us=8000``: a LightCrafter 6500 or 9000 over USB."""
+    from fringeworks.devices.dlpc900 import Dlpc900
+    from fringeworks.devices.sequencer import settings_of
+
+    return Dlpc900(*settings_of(words, "dlpc900"))
+
+
 def _webcams() -> Iterator[ListedDevice]:
     from fringeworks.devices.webcam import webcams
 

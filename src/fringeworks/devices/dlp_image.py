@@ -11,15 +11,11 @@ against real boards, agree on this order. The guide does not state it.
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-PLANES = 24
-"""Planes of one bit in an image."""
 HEADER = struct.Struct("<4sHHI8sIBBB21s")
 """Signature, columns, rows, bytes of data, reserved, background, reserved, compression, and
 reserved."""
@@ -32,25 +28,6 @@ LEAST_COPY = 2
 """Pixels equal to the line above from which on a copy pays: it costs three bytes or four."""
 LONG = 128
 """Count from which on two bytes are needed."""
-
-
-def packed(pictures: Sequence[NDArray[Any]], bits: int) -> NDArray[np.uint32]:
-    """Pack pictures into one image.
-
-    Parameters
-    ----------
-    pictures : sequence of (rows, columns) arrays
-        At most 24 / ``bits`` of them, with counts below 2^bits.
-    bits : int
-
-    Returns
-    -------
-    (rows, columns) array: picture k has the bits from k · ``bits`` on.
-    """
-    words = np.zeros(pictures[0].shape, np.uint32)
-    for k, picture in enumerate(pictures):
-        words |= picture.astype(np.uint32) << np.uint32(k * bits)
-    return words
 
 
 def encoded(words: NDArray[np.uint32]) -> bytes:

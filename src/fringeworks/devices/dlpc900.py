@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.devices.dlp_image import PLANES, encoded, packed
+from fringeworks.devices.dlp_image import encoded
 from fringeworks.devices.hid_link import HidDevice, HidLink, Refused, open_hid
 from fringeworks.devices.protocols import Closing, checked_picture
 from fringeworks.devices.sequencer import LEDS, SequenceSettings, least_exposure
+from fringeworks.patterns.binary import PLANES, packed
 from fringeworks.types import DeviceProblem, InputError
 
 IDS = (0x0451, 0xC900)

@@ -147,8 +147,8 @@ class PulseTaker:
             )
         if sent - count > max(1.0, MOST_LOST * sent):
             raise DeviceProblem(
-                f"{self._camera.name}: expected a frame for each of {sent} pulses, got {count}: the "
-                f"camera is too slow for one every {1e3 * self._projector.period_s:g} ms; "
+                f"{self._camera.name}: expected a frame for each of {sent} pulses, got {count}: "
+                f"the camera is too slow for one every {1e3 * self._projector.period_s:g} ms; "
                 "lengthen the period, or shorten the exposure"
             )
         again = range(sent) if missing is None else missing

@@ -221,3 +221,119 @@ class Dlpc900(Controller):
             return None
         words = np.hstack(halves)
         return (words >> entry["bit"] & 2 ** entry["depth"] - 1).astype(np.uint8)
+
+
+class Dlpc350(Controller):
+    """A DLPC350 with images in its flash: (1140, 912, 3) arrays of red, green and blue."""
+
+    def __init__(self, flash):
+        super().__init__()
+        self.flash = flash
+        self.mode, self.source, self.trigger_mode, self.error = 0, 0, 0, 0
+        self.running, self.box, self.offset = 0, 0, 0
+        self.tables = {1: b"", 2: b""}
+        self.shape, self.times = (0, 0, 0, 0), (0, 0)
+        self.trigger_out, self.trigger_in = (0, 0, 0), 0
+        self.busy_for, self.extra_faults = 2, 0
+        self._asked = 0
+        self.checked = None
+        self.hardware_status, self.memory_ok, self.parked = 1, 1, False
+
+    def answer(self, command):
+        if command == 0x1A1A:
+            self._asked += 1
+            if self._asked <= self.busy_for:
+                return bytes((0x80,))
+            self.checked = self._faults() | self.extra_faults
+            return bytes((self.checked,))
+        return {
+            0x1A42: bytes((len(self.flash),)),
+            0x1A0A: bytes((self.hardware_status,)),
+            0x1A0B: bytes((self.memory_ok,)),
+            0x1A0C: bytes((self.parked | (self.running == 2) << 1,)),
+            0x1A24: bytes((self.running,)),
+        }.get(command)
+
+    def obey(self, command, data):
+        if command in (0x1A31, 0x1A29, 0x1A34, 0x1A1D, 0x1A35) and self.running:
+            return 5
+        return {
+            0x1A1B: lambda: self._set("mode", data[0]),
+            0x1A22: lambda: self._set("source", data[0]),
+            0x1A23: lambda: self._set("trigger_mode", data[0]),
+            0x1A31: lambda: self._set("shape", tuple(data)),
+            0x1A29: lambda: self._set("times", struct.unpack("<II", data)),
+            0x1A33: lambda: self._set("box", data[0]),
+            0x1A32: lambda: self._set("offset", data[0]),
+            0x1A34: lambda: self._mail(data),
+            0x1A1A: lambda: self._set("_asked", 0),
+            0x1A1D: lambda: self._set("trigger_out", tuple(data)),
+            0x1A35: lambda: self._set("trigger_in", struct.unpack("<I", data)[0]),
+            0x1A24: lambda: self._start(data[0]),
+        }.get(command, lambda: None)()
+
+    def _set(self, name, value):
+        if name not in ("_asked", "box", "offset"):
+            self.checked = None
+        setattr(self, name, value)
+        return 0
+
+    def _mail(self, data):
+        if self.box not in self.tables:
+            return 6
+        assert self.offset == 0
+        self.tables[self.box] = data
+        return 0
+
+    def entries(self):
+        """The table of patterns, decoded by the guide's table of its bits."""
+        data = self.tables[2]
+        found, image = [], -1
+        for k in range(0, len(data), 3):
+            word = int.from_bytes(data[k : k + 3], "little")
+            image += word >> 18 & 1
+            found.append({
+                "trigger": word & 3, "number": word >> 2 & 0x3F, "depth": word >> 8 & 0xF,
+                "leds": word >> 12 & 7, "inverts": word >> 16 & 1, "black": word >> 17 & 1,
+                "image": image, "exposure": self.times[0], "dark": self.times[1] - self.times[0],
+            })  # fmt: skip
+        return found
+
+    def _faults(self):
+        exposure, period = self.times
+        entries = self.entries()
+        least = {1: 235, 8: 8333}
+        faults = 0
+        if any(exposure < least[e["depth"]] for e in entries) or period < exposure:
+            faults |= 1
+        if any((e["number"] + 1) * e["depth"] > 24 or e["image"] < 0 for e in entries):
+            faults |= 2
+        if len(entries) != self.shape[0] + 1 or len(self.tables[1]) != self.shape[3] + 1:
+            faults |= 2
+        if 0 < period - exposure < 230:
+            faults |= 16
+        return faults
+
+    def _start(self, action):
+        if action == 2:
+            if self.checked != 0 or (self.mode, self.source, self.trigger_mode) != (1, 3, 1):
+                return 5
+            entries, images = self.entries(), list(self.tables[1])
+            if len(images) == 2:
+                images.reverse()
+            pictures = [self._picture(e, self.flash[images[e["image"]]]) for e in entries]
+            self.played.append(pictures)
+            self.running = 2
+            if self.on_play is not None:
+                self.on_play(pictures, entries, 0 if self.shape[1] else len(entries))
+                self.running = 2 if self.shape[1] else 0
+        else:
+            self.running = action
+        return 0
+
+    @staticmethod
+    def _picture(entry, image):
+        """Planes 0 to 7 are those of green, 8 to 15 of red, 16 to 23 of blue."""
+        first = entry["number"] * entry["depth"]
+        colour = image[..., (1, 0, 2)[first // 8]]
+        return (colour >> first % 8 & 2 ** entry["depth"] - 1).astype(np.uint8)

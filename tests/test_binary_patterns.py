@@ -56,7 +56,7 @@ def test_it_is_stored_as_black_and_white(tmp_path):
     written = write_patterns(tmp_path / "p", mixed())
     assert read_plan(tmp_path / "p" / "plan.toml") == mixed()
     for path, picture in zip(written, fw.encode(mixed()), strict=True):
-        np.testing.assert_array_equal(read_frame(path), 255 * picture)
+        np.testing.assert_array_equal(read_frame(path)[0], 255 * picture)
 
 
 def test_what_has_no_meaning_is_refused():

@@ -229,6 +229,7 @@ def test_the_list_says_what_is_there_and_what_is_missing(monkeypatch):
     assert [str(line) for line in projectors] == [
         "screen: a window needs glfw: pip install 'fringeworks[capture]'",
         "dlpc900:S1: a projector with the controller DLPC900",
+        "dlpc350: a projector with the controller DLPC350, serial number S1",
     ]
     assert [(str(line), line.usable) for line in cameras] == [
         (

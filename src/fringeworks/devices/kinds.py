@@ -59,6 +59,25 @@ def open_dlpc900(words: str) -> Projector:
     return Dlpc900(*settings_of(words, "dlpc900"))
 
 
+def _dlpc350s() -> Iterator[ListedDevice]:
+    from fringeworks.devices.dlpc350 import IDS
+    from fringeworks.devices.hid_link import hid_serials
+
+    for serial in hid_serials(IDS):
+        said = f"a projector with the controller DLPC350, serial number {serial}"
+        yield ListedDevice("dlpc350", said)
+
+
+@registering(PROJECTOR_KINDS, "projector", "dlpc350", _dlpc350s)
+def open_dlpc350(words: str) -> Projector:
+    """``dlpc350:FOLDER,exposure_us=9000``: a LightCrafter 4500 over USB, pictures in its flash."""
+    from fringeworks.devices.dlpc350 import Dlpc350
+    from fringeworks.devices.sequencer import settings_of
+
+    folder, settings = settings_of(words, "dlpc350")
+    return Dlpc350(_needed("dlpc350", "FOLDER", folder), settings)
+
+
 def _webcams() -> Iterator[ListedDevice]:
     from fringeworks.devices.webcam import webcams
 

@@ -117,6 +117,22 @@ def open_genicam(identifier: str) -> Camera:
     return GenicamCamera(identifier or None)
 
 
+@registering(CAMERA_KINDS, "camera", "http", None)
+def open_http(address: str) -> Camera:
+    """``http://HOST/PATH``: a camera on the network that sends JPEG images."""
+    from fringeworks.devices.http_camera import HttpCamera
+
+    return HttpCamera(f"http:{address}")
+
+
+@registering(CAMERA_KINDS, "camera", "https", None)
+def open_https(address: str) -> Camera:
+    """``https://HOST/PATH``: the same on a secure connection."""
+    from fringeworks.devices.http_camera import HttpCamera
+
+    return HttpCamera(f"https:{address}")
+
+
 @registering(CAMERA_KINDS, "camera", "folder", None)
 def open_folder(folder: str) -> Camera:
     """``folder:PATH``: any camera whose program writes images into a folder."""

@@ -34,6 +34,7 @@ from .sequencer import (
 )
 from .dlpc900 import (
     Dlpc900 as Dlpc900,
+    DlpStatus as DlpStatus,
 )
 from .dlpc350 import (
     Dlpc350 as Dlpc350,

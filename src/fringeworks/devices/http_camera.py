@@ -300,6 +300,6 @@ def grey_of(image: NDArray[Any]) -> NDArray[np.uint8]:
     """
     if image.ndim == 2:
         return np.asarray(image, np.uint8)
-    grey = np.rint(image @ np.array(LUMINANCE, np.float32)).astype(np.uint8)
+    grey = np.asarray(np.rint(image @ np.array(LUMINANCE, np.float32)), np.uint8)
     grey[image.max(axis=2) == 255] = 255
     return grey

@@ -212,6 +212,12 @@ def test_installed_plugins_bring_kinds(monkeypatch):
         registry.load_installed.cache_clear()
 
 
+NO_PI = (
+    "a camera of the Raspberry Pi: expected the package picamera2, got none; apt install "
+    "python3-picamera2, in a virtual environment with --system-site-packages"
+)
+
+
 def test_the_list_says_what_is_there_and_what_is_missing(monkeypatch):
     def missing():
         raise MissingPackage("a window needs glfw: pip install 'fringeworks[capture]'")
@@ -224,6 +230,7 @@ def test_the_list_says_what_is_there_and_what_is_missing(monkeypatch):
         lambda: iter([Webcam(2, "HD Cam", limits), DeviceProblem("webcam 3: in use")]),
     )
     monkeypatch.setattr("fringeworks.devices.genicam.genicam_cameras", list)
+    monkeypatch.setitem(sys.modules, "picamera2", None)
     camera_kind("acme", find=lambda: [ListedDevice("acme:1", "Acme 1")])(lambda words: words)
     projectors, cameras = list_devices()
     assert [str(line) for line in projectors] == [
@@ -239,6 +246,7 @@ def test_the_list_says_what_is_there_and_what_is_missing(monkeypatch):
         ),
         ("webcam: webcam 3: in use", False),
         ("genicam: none found", False),
+        (f"picamera: {NO_PI}", False),
         ("acme:1: Acme 1", True),
     ]
 

@@ -117,6 +117,23 @@ def open_genicam(identifier: str) -> Camera:
     return GenicamCamera(identifier or None)
 
 
+def _picameras() -> Iterator[ListedDevice]:
+    from fringeworks.devices.raspberry_camera import pi_cameras
+
+    for number, model in enumerate(pi_cameras()):
+        yield ListedDevice(f"picamera:{number}", model)
+
+
+@registering(CAMERA_KINDS, "camera", "picamera", _picameras)
+def open_picamera(which: str) -> Camera:
+    """``picamera`` or ``picamera:NUMBER``: a camera of a Raspberry Pi."""
+    from fringeworks.devices.raspberry_camera import RaspberryCamera
+
+    if which and not which.isdecimal():
+        raise DeviceProblem(f"picamera: expected picamera:NUMBER, got picamera:{which}")
+    return RaspberryCamera(int(which or "0"))
+
+
 @registering(CAMERA_KINDS, "camera", "http", None)
 def open_http(address: str) -> Camera:
     """``http://HOST/PATH``: a camera on the network that sends JPEG images."""

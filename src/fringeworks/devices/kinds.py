@@ -134,6 +134,14 @@ def open_picamera(which: str) -> Camera:
     return RaspberryCamera(int(which or "0"))
 
 
+@registering(CAMERA_KINDS, "camera", "gphoto2", None)
+def open_gphoto2(port: str) -> Camera:
+    """``gphoto2`` or ``gphoto2:PORT``: a photo camera on USB, through the program gphoto2."""
+    from fringeworks.devices.photo_camera import PhotoCamera
+
+    return PhotoCamera(port)
+
+
 @registering(CAMERA_KINDS, "camera", "http", None)
 def open_http(address: str) -> Camera:
     """``http://HOST/PATH``: a camera on the network that sends JPEG images."""

@@ -204,9 +204,7 @@ class PhotoCamera(Closing):
             ) from error
         if done.returncode:
             lines = [line.strip("* ") for line in done.stderr.splitlines() if line.strip("* ")]
-            said = next(
-                (line for line in lines if "rror" in line), lines[0] if lines else "nothing"
-            )
+            lines = [line for line in lines if "rror" in line] or [*lines, "nothing"]
             raise DeviceProblem(
                 f"{self._name}: expected a camera that is connected and switched on, got: {lines[0]}; "
                 "connect it and resume"

@@ -65,7 +65,7 @@ def test_words_open_devices(tmp_path):
     [
         (
             "kinect:0",
-            "camera 'kinect:0': expected a kind of .*folder, genicam, http.*webcam.*got 'kinect'",
+            "camera 'kinect:0': expected a kind of .*folder, genicam, .*webcam.*got 'kinect'",
         ),
         ("", "expected a kind of .*, got ''"),
         ("0", "expected a kind of .*, got '0'"),

@@ -206,8 +206,8 @@ class PhotoCamera(Closing):
             lines = [line.strip("* ") for line in done.stderr.splitlines() if line.strip("* ")]
             lines = [line for line in lines if "rror" in line] or [*lines, "nothing"]
             raise DeviceProblem(
-                f"{self._name}: expected a camera that is connected and switched on, got: {lines[0]}; "
-                "connect it and resume"
+                f"{self._name}: expected a camera that is connected and switched on, got: "
+                f"{lines[0]}; connect it and resume"
             )
         return done.stdout
 

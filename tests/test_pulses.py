@@ -19,7 +19,7 @@ from fringeworks.scan.capture import capture
 from fringeworks.scan.frames import taker_of
 from fringeworks.scan.pulses import MAX_ROUNDS, PulseTaker, places
 from fringeworks.simulate import bust, look, standard_rig
-from fringeworks.types import Delay, DeviceProblem, InputError
+from fringeworks.types import CameraSettings, Delay, DeviceProblem, InputError
 from tests import fake_dlp
 from tests.virtual_devices import Screen, bench
 from tests.wired_camera import WiredCamera
@@ -233,6 +233,43 @@ def test_silence_is_found_within_a_second():
         taker._collected(40)
     # Its last frame came 0.105 s after the start.
     assert camera.clock.now_s() - begun < 0.105 + 1.0
+
+
+@pytest.mark.parametrize(
+    ("options", "exposure_ms", "said"),
+    [
+        (
+            {},
+            7.9,
+            "wired: exposure_ms: expected 8 to 10 ms, so that a frame holds a whole picture of 8",
+        ),
+        ({}, 10.1, "nothing of the next one, got 10.1 ms"),
+        (
+            {"trigger_out_delay_us": 50},
+            8.0,
+            "trigger_out_delay_us: expected a pulse that begins with",
+        ),
+        ({"trigger_out_delay_us": -20}, 8.0, "exposure_ms: expected 8.02 to 10.02 ms"),
+        ({"bits": 1}, 12.0, "expected 0 to 10 ms, so that a frame holds nothing of the next one"),
+    ],
+)
+def test_exposures_that_mix_or_cut_pictures_are_refused(tmp_path, options, exposure_ms, said):
+    """They would be wrong by less than a residual shows."""
+    projector, camera = wired(replace(SETTINGS, **options))
+    plan = replace(short_plan(), bits=projector.bits)
+    with pytest.raises(InputError, match=said):
+        capture(projector, camera, plan, tmp_path / "c", settings=CameraSettings(exposure_ms))
+    assert camera.pulses == 0
+
+
+@pytest.mark.parametrize(("bits", "exposure_ms"), [(8, 8.0), (8, 10.0), (1, 0.1), (1, 10.0)])
+def test_exposures_that_hold_one_picture(tmp_path, bits, exposure_ms):
+    projector, camera = wired(replace(SETTINGS, bits=bits))
+    plan = replace(short_plan(), bits=bits)
+    capture(projector, camera, plan, tmp_path / "c", settings=CameraSettings(exposure_ms))
+    assert camera.pulses == plan.frames
+    camera.configure = lambda _: CameraSettings()
+    assert PulseTaker(projector, camera)._check_exposure() is None
 
 
 def test_frames_of_another_pace_are_refused():

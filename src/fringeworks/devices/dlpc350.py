@@ -177,6 +177,11 @@ class Dlpc350(Closing):
         """Time from one picture to the next, s."""
         return self.settings.period_s
 
+    @property
+    def lit_s(self) -> tuple[float, float]:
+        """Times after the pulse at which its picture begins and ends, s."""
+        return self.settings.lit_s
+
     def portions(self, numbers: Sequence[int]) -> list[list[int]]:
         """Numbers of pictures that can be played without a pause for the flash."""
         parts: list[list[int]] = []

@@ -180,6 +180,11 @@ class Dlpc900(Closing):
         """Time from one picture to the next, s."""
         return self.settings.period_s
 
+    @property
+    def lit_s(self) -> tuple[float, float]:
+        """Times after the pulse at which its picture begins and ends, s."""
+        return self.settings.lit_s
+
     def portions(self, numbers: Sequence[int]) -> list[list[int]]:
         """Numbers of pictures in the portions that its memory holds at a time."""
         most = MOST_PLANES // self.bits

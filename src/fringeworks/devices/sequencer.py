@@ -75,6 +75,12 @@ class SequenceSettings:
         return 1e-6 * (self.exposure_us if self.period_us is None else self.period_us)
 
     @property
+    def lit_s(self) -> tuple[float, float]:
+        """Times after the pulse at which its picture begins and ends, s."""
+        begins_us = -self.trigger_out_delay_us
+        return 1e-6 * begins_us, 1e-6 * (begins_us + self.exposure_us)
+
+    @property
     def dark_us(self) -> int:
         """Time without light after a picture, µs."""
         return 0 if self.period_us is None else self.period_us - self.exposure_us
@@ -139,6 +145,10 @@ class SequenceProjector(Projector, Protocol):
     @property
     def period_s(self) -> float:
         """Time from one picture to the next, s."""
+
+    @property
+    def lit_s(self) -> tuple[float, float]:
+        """Times after the pulse at which its picture begins and ends, s."""
 
     def portions(self, numbers: Sequence[int]) -> list[list[int]]:
         """Numbers of pictures in the portions that its memory holds at a time."""

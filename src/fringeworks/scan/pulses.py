@@ -11,7 +11,7 @@ from fringeworks.devices.protocols import Camera, Grab, LineCamera
 from fringeworks.devices.sequencer import SequenceProjector
 from fringeworks.scan.saturation import SaturationGuard
 from fringeworks.scan.taking import Picture
-from fringeworks.types import DeviceProblem, InputError
+from fringeworks.types import CameraSettings, DeviceProblem, InputError
 
 MAX_ROUNDS = 6
 """Times that a sequence is played until every picture has its frames. With 5 % of the frames lost,
@@ -24,6 +24,9 @@ LATE_S = 0.7
 slow cameras. A camera that was unplugged is found after it, so it is below a second."""
 PAUSE_S = 0.002
 """Pause while frames are waited for, s: short beside the time that a frame takes to arrive."""
+CUT_S = 1e-5
+"""Largest part of a picture that an exposure may miss, s: cameras round exposures to 10 µs or less,
+which is a third of a count of the shortest pictures of 8 bit."""
 OFF_STEP = 0.25
 """Largest distance of the time between two frames from a whole number of periods, periods. Beyond
 it, frames are not those of the pulses. Clocks of cameras differ by 1e-4 from the projector's."""
@@ -68,6 +71,7 @@ class PulseTaker:
         self, pictures: Iterable[Picture], average: int = 1, guard: SaturationGuard | None = None
     ) -> Iterator[tuple[int, list[Grab]]]:
         """Play the sequence and take frames of each picture; see ``Taker``."""
+        self._check_exposure()
         wanted = {picture.number: picture for picture in pictures}
         for numbers in self._projector.portions(sorted(wanted)):
             part = [wanted[number] for number in numbers]
@@ -76,6 +80,32 @@ class PulseTaker:
             if guard is not None:
                 guard.check(grabs[0].pixels for grabs in taken)
             yield from zip(numbers, taken, strict=True)
+
+    def _check_exposure(self) -> None:
+        """Refuse an exposure that sees the next picture, or a part of the planes of grey levels.
+
+        Raises
+        ------
+        InputError with the exposures that fit.
+        """
+        exposure_ms = self._camera.configure(CameraSettings()).exposure_ms
+        if exposure_ms is None:
+            return
+        begins_s, ends_s = self._projector.lit_s
+        grey = self._projector.bits > 1
+        least_s, most_s = (ends_s if grey else 0.0), self._projector.period_s + begins_s
+        if grey and begins_s < -CUT_S:
+            raise InputError(
+                f"{self._projector.name}: trigger_out_delay_us: expected a pulse that begins with "
+                f"its picture or before, got one {-1e6 * begins_s:g} µs later: a frame must hold "
+                "all planes of a picture of 8 bit"
+            )
+        if not least_s - CUT_S <= 1e-3 * exposure_ms <= most_s + CUT_S:
+            whole = f"a whole picture of {self._projector.bits} bit and " if grey else ""
+            raise InputError(
+                f"{self._camera.name}: exposure_ms: expected {1e3 * least_s:g} to {1e3 * most_s:g} "
+                f"ms, so that a frame holds {whole}nothing of the next one, got {exposure_ms:g} ms"
+            )
 
     def _portion(self, part: Sequence[Picture], average: int) -> list[list[Grab]]:
         """The frames of the loaded pictures; played until each has as many as wanted."""

@@ -290,3 +290,27 @@ def test_other_cameras_and_a_delay_are_refused():
         taker_of(projector, bench().camera)
     with pytest.raises(InputError, match="delay: expected none"):
         taker_of(projector, camera, Delay(*[np.zeros(1)] * 4, 1 / 60, 1 / 30))
+
+
+@pytest.mark.parametrize("stamps", [True, False])
+def test_frames_never_move_to_another_picture(tmp_path, stamps):
+    """Pulses lost at random, also at the ends and in later rounds: each frame is its picture's."""
+    plan = short_plan()
+    whole, _, _ = taken(tmp_path / "whole", plan)
+    refused = 0
+    for seed in range(12):
+        rng = np.random.default_rng(100 + seed)
+        missed, dropped = (
+            set(rng.choice(24 * 6, rng.integers(1, most), replace=False).tolist())
+            for most in (12, 6)
+        )
+        projector, camera = wired(missed=missed, dropped=dropped)
+        camera.stamps = stamps
+        try:
+            capture(projector, camera, plan, tmp_path / "c", force=True)
+        except DeviceProblem as error:
+            refused += 1
+            assert "rounds" in str(error) or "too slow" in str(error)
+            continue
+        np.testing.assert_array_equal(read_stack(tmp_path / "c").frames, whole.frames)
+    assert refused <= (2 if stamps else 9)

@@ -15,12 +15,15 @@ LAG = 5
 def library(frame, shape=(96, 128), period_s=0.01):
     """A module whose one camera sees ``frame(exposure_us, gain)``, counts (h, w)."""
 
-    state = SimpleNamespace(gone=threading.Event(), obeys=True, opened=[], cameras=[])
+    # Blue, green and red of the light: the format RGB888 has blue first in memory.
+    state = SimpleNamespace(
+        tint=(1.0, 1.0, 1.0), gone=threading.Event(), obeys=True, opened=[], cameras=[]
+    )
 
     class Request:
         def __init__(self, exposure, gain):
-            grey = np.clip(frame(exposure, gain), 0, 255).astype(np.uint8)
-            self._image = np.repeat(grey[..., None], 3, axis=2)
+            light = frame(exposure, gain)[..., None] * np.array(state.tint)
+            self._image = np.clip(light, 0, 255).astype(np.uint8)
             self._metadata = {"ExposureTime": exposure, "AnalogueGain": gain, "SensorTimestamp": 1}
             self.released = False
 

@@ -71,6 +71,15 @@ def test_settings_wait_for_their_frames(wall):
     assert wall.state.closed
 
 
+def test_colours_become_luminance(wall):
+    wall.state.tint = (0.0, 0.0, 1.0)
+    wall.picture[:] = 200
+    with RaspberryCamera() as camera:
+        red = camera.grab().pixels.mean()
+    # 160 counts of red alone.
+    assert red == pytest.approx(0.299 * 160, abs=1.0)
+
+
 def test_a_plan_is_captured(wall, tmp_path):
     with fw.devices.open_camera("picamera:0") as camera:
         folder = capture(

@@ -11,7 +11,7 @@ import pytest
 
 from fringeworks import InputError, MissingPackage, PatternPlan, encode
 from fringeworks.devices.opening import list_devices, open_camera
-from fringeworks.devices.protocols import Camera, Closing, TriggeredCamera
+from fringeworks.devices.protocols import Camera, Closing, LineCamera, TriggeredCamera
 from fringeworks.files import read_stack
 from fringeworks.patterns import PhaseSteps, equal_steps
 from fringeworks.scan.capture import capture
@@ -85,6 +85,17 @@ def plan():
     return PatternPlan(
         SIZE, SIZE, tuple(PhaseSteps("x", p, equal_steps(4)) for p in (16.0, 18.0, 20.0))
     )
+
+
+def test_a_line_exposes_the_frames_until_triggers_end(tmp_path):
+    """Nobody pulses the line of the fake camera: no frame comes until it runs freely again."""
+    with peer(tmp_path, "FW9") as made, opened(made) as camera:
+        assert isinstance(camera, LineCamera)
+        camera.wait_for_line()
+        with pytest.raises(DeviceProblem, match="expected a frame, got none within 0.3 s"):
+            camera.grab(0.3)
+        camera.configure(CameraSettings(triggered=False))
+        assert camera.grab().complete
 
 
 def test_discovery_settings_and_triggers(tmp_path):

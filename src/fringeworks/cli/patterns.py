@@ -22,6 +22,7 @@ class PictureFormat(StrEnum):
 
     png = "png"
     tiff = "tiff"
+    flash = "flash"
 
 
 @app.command(
@@ -194,9 +195,10 @@ def _figures(proposal: fw.patterns.Proposal) -> dict[str, Any]:
 def patterns(
     plan_file: Annotated[Path, typer.Argument(metavar="PLAN", help="Plan file (TOML).")],
     out: Folder,
-    format: Annotated[PictureFormat, typer.Option(help="PNG files, or one TIFF stack.")] = (
-        PictureFormat.png
-    ),
+    format: Annotated[
+        PictureFormat,
+        typer.Option(help="PNG files, one TIFF stack, or images of 24 bit for a DLPC350."),
+    ] = (PictureFormat.png),
     response: Annotated[
         Path | None,
         typer.Option(help="Response file: levels are pre-distorted, and the light is a cosine."),
@@ -209,8 +211,12 @@ def patterns(
     if response is not None:
         layout = replace(layout, gamma=fw.files.read_response(response).gamma)
     with output.progress(layout.frames) as progress:
-        written = fw.files.write_patterns(
-            out, layout, stack=format is PictureFormat.tiff, force=force, progress=progress
-        )
+        if format is PictureFormat.flash:
+            written = fw.files.write_flash_images(out, layout, force=force, progress=progress)
+        else:
+            stack = format is PictureFormat.tiff
+            written = fw.files.write_patterns(
+                out, layout, stack=stack, force=force, progress=progress
+            )
     place = out if len(written) > 1 else written[0]
     output.Output().say(f"wrote {layout.frames} patterns to {place}")

@@ -4,6 +4,7 @@ from .protocols import (
     Camera as Camera,
     Projector as Projector,
     TriggeredCamera as TriggeredCamera,
+    LineCamera as LineCamera,
 )
 from ..types import (
     CameraSettings as CameraSettings,
@@ -26,6 +27,23 @@ from .window import (
 )
 from .memory_projector import (
     MemoryProjector as MemoryProjector,
+)
+from .sequencer import (
+    SequenceProjector as SequenceProjector,
+    SequenceSettings as SequenceSettings,
+)
+from .dlpc900 import (
+    Dlpc900 as Dlpc900,
+    DlpStatus as DlpStatus,
+)
+from .dlpc350 import (
+    Dlpc350 as Dlpc350,
+)
+from .trigger_box import (
+    TriggerBox as TriggerBox,
+)
+from .grbl import (
+    GrblTable as GrblTable,
 )
 from .webcam import (
     WebcamCamera as WebcamCamera,

@@ -129,7 +129,7 @@ class FolderCamera(Closing):
             while self._written:
                 name, arrived_s = self._written[0]
                 try:
-                    frame = _whole_counts(self._folder / name)
+                    frame = whole_counts(self._folder / name)
                 except FileProblem as problem:
                     # The writer may have paused in the middle; try again until the time is over.
                     broken = problem
@@ -217,7 +217,7 @@ class FolderCamera(Closing):
         return f"{said} none: let the program that controls the camera save its photographs there"
 
 
-def _whole_counts(path: Path) -> NDArray[Any]:
+def whole_counts(path: Path) -> NDArray[Any]:
     """The frame of a file in counts of 8 or 16 bit."""
     read = read_frames([path], stack=True)
     frame = read.frames[0]

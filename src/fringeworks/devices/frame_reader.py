@@ -196,6 +196,8 @@ class FrameReader:
         problem = CLOSED
         try:
             problem = self._read_all(source) or CLOSED
+        except DeviceProblem as error:
+            problem = str(error)
         except Exception as error:  # OpenCV and drivers raise anything
             problem = f"expected a frame, got an error of the driver: {error}"
         finally:

@@ -31,6 +31,9 @@ SILENT_S = 1.0
 usual exposures, and short beside the 3 s that it takes to learn that nobody answers."""
 SOFTWARE = b"Software"
 """Trigger source of GenICam for a trigger that the computer sends."""
+LINE = "Line"
+"""Beginning of the names of trigger sources that are input lines (GenICam, Standard Features Naming
+Convention, TriggerSource)."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,7 @@ class GenicamCamera(Closing):
         self._gone = False
         self._channel = channel
         self._triggered = False
+        self._on_line = False
         self._ahead: Grab | None = None
         text = None if identifier is None else identifier.encode()
         self._camera = self._opened(text)
@@ -179,7 +183,9 @@ class GenicamCamera(Closing):
             self._call("set_exposure_time", None, (c.c_double, exposure_us))
         if settings.gain_db is not None:
             self._call("set_gain", None, (c.c_double, settings.gain_db))
-        if settings.triggered is not None and settings.triggered != self._triggered:
+        changes = self._on_line or settings.triggered != self._triggered
+        if settings.triggered is not None and changes:
+            self._on_line = False
             if settings.triggered:
                 self._call("set_trigger", None, (c.c_char_p, SOFTWARE))
             else:
@@ -225,6 +231,22 @@ class GenicamCamera(Closing):
         self._start()
         self._call("software_trigger", None)
         return time.monotonic()
+
+    def wait_for_line(self) -> None:
+        """Expose a frame for every pulse on the first input line; see ``LineCamera``."""
+        sources = self._aravis.words("arv_camera_dup_available_trigger_sources", self._camera)
+        lines = sorted(source for source in sources if source.startswith(LINE))
+        if not lines:
+            raise DeviceProblem(
+                f"{self.name}: expected an input line as a trigger source, got "
+                f"{', '.join(sources) or 'none'}"
+            )
+        self._stop()
+        # Line0 is an output of some makers, Line1 an input of most.
+        line = "Line1" if "Line1" in lines else lines[0]
+        self._call("set_trigger", None, (c.c_char_p, line.encode()))
+        self._triggered, self._on_line = False, True
+        self._start()
 
     def close(self) -> None:
         """Release the camera; again without effect."""

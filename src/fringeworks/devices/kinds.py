@@ -42,6 +42,42 @@ def open_memory(folder: str) -> Projector:
     return MemoryProjector(_needed("memory", "FOLDER", folder))
 
 
+def _dlpc900s() -> Iterator[ListedDevice]:
+    from fringeworks.devices.dlpc900 import IDS
+    from fringeworks.devices.hid_link import hid_serials
+
+    for serial in hid_serials(IDS):
+        yield ListedDevice(f"dlpc900:{serial}", "a projector with the controller DLPC900")
+
+
+@registering(PROJECTOR_KINDS, "projector", "dlpc900", _dlpc900s)
+def open_dlpc900(words: str) -> Projector:
+    """``dlpc900`` or ``dlpc900:SERIAL,exposure_us=8000``: a LightCrafter 6500 or 9000 over USB."""
+    from fringeworks.devices.dlpc900 import Dlpc900
+    from fringeworks.devices.sequencer import settings_of
+
+    return Dlpc900(*settings_of(words, "dlpc900"))
+
+
+def _dlpc350s() -> Iterator[ListedDevice]:
+    from fringeworks.devices.dlpc350 import IDS
+    from fringeworks.devices.hid_link import hid_serials
+
+    for serial in hid_serials(IDS):
+        said = f"a projector with the controller DLPC350, serial number {serial}"
+        yield ListedDevice("dlpc350", said)
+
+
+@registering(PROJECTOR_KINDS, "projector", "dlpc350", _dlpc350s)
+def open_dlpc350(words: str) -> Projector:
+    """``dlpc350:FOLDER,exposure_us=9000``: a LightCrafter 4500 over USB, pictures in its flash."""
+    from fringeworks.devices.dlpc350 import Dlpc350
+    from fringeworks.devices.sequencer import settings_of
+
+    folder, settings = settings_of(words, "dlpc350")
+    return Dlpc350(_needed("dlpc350", "FOLDER", folder), settings)
+
+
 def _webcams() -> Iterator[ListedDevice]:
     from fringeworks.devices.webcam import webcams
 
@@ -79,6 +115,47 @@ def open_genicam(identifier: str) -> Camera:
     from fringeworks.devices.genicam import GenicamCamera
 
     return GenicamCamera(identifier or None)
+
+
+def _picameras() -> Iterator[ListedDevice]:
+    from fringeworks.devices.raspberry_camera import pi_cameras
+
+    for number, model in enumerate(pi_cameras()):
+        yield ListedDevice(f"picamera:{number}", model)
+
+
+@registering(CAMERA_KINDS, "camera", "picamera", _picameras)
+def open_picamera(which: str) -> Camera:
+    """``picamera`` or ``picamera:NUMBER``: a camera of a Raspberry Pi."""
+    from fringeworks.devices.raspberry_camera import RaspberryCamera
+
+    if which and not which.isdecimal():
+        raise DeviceProblem(f"picamera: expected picamera:NUMBER, got picamera:{which}")
+    return RaspberryCamera(int(which or "0"))
+
+
+@registering(CAMERA_KINDS, "camera", "gphoto2", None)
+def open_gphoto2(port: str) -> Camera:
+    """``gphoto2`` or ``gphoto2:PORT``: a photo camera on USB, through the program gphoto2."""
+    from fringeworks.devices.photo_camera import PhotoCamera
+
+    return PhotoCamera(port)
+
+
+@registering(CAMERA_KINDS, "camera", "http", None)
+def open_http(address: str) -> Camera:
+    """``http://HOST/PATH``: a camera on the network that sends JPEG images."""
+    from fringeworks.devices.http_camera import HttpCamera
+
+    return HttpCamera(f"http:{address}")
+
+
+@registering(CAMERA_KINDS, "camera", "https", None)
+def open_https(address: str) -> Camera:
+    """``https://HOST/PATH``: the same on a secure connection."""
+    from fringeworks.devices.http_camera import HttpCamera
+
+    return HttpCamera(f"https:{address}")
 
 
 @registering(CAMERA_KINDS, "camera", "folder", None)

@@ -197,6 +197,21 @@ class TriggeredCamera(Camera, Protocol):
         """
 
 
+@runtime_checkable
+class LineCamera(Camera, Protocol):
+    """A camera that exposes a frame for every pulse on an input line."""
+
+    def wait_for_line(self) -> None:
+        """Expose a frame for every pulse from now on, which ``grab`` returns later.
+
+        ``configure`` with ``triggered=False`` ends it.
+
+        Raises
+        ------
+        DeviceProblem where the camera is gone or has no such line.
+        """
+
+
 class Closing:
     """Mix-in of devices: a context manager that calls ``close``."""
 
@@ -223,7 +238,7 @@ def checked_picture(picture: NDArray[Any], size_px: tuple[int, int], bits: int) 
     ------
     InputError for another shape, type or counts beyond the depth.
     """
-    shape, kind = size_px[::-1], np.dtype(np.uint8 if bits == 8 else np.uint16)
+    shape, kind = size_px[::-1], np.dtype(np.uint8 if bits <= 8 else np.uint16)
     picture = np.asarray(picture)
     if picture.shape != shape or picture.dtype != kind:
         raise InputError(

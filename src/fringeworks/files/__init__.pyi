@@ -5,6 +5,9 @@ from .plan import (
     write_plan as write_plan,
     write_patterns as write_patterns,
 )
+from .flash_images import (
+    write_flash_images as write_flash_images,
+)
 from .capture import (
     read_capture as read_capture,
 )

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomli_w
+from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath, check_target, replacing, write_text
 from fringeworks.files.description import Field, Section
@@ -234,6 +235,11 @@ def frame_names(plan: PatternPlan, suffix: str) -> list[str]:
     return [f"{k:0{digits}d}-{label}{suffix}" for k, label in enumerate(labels)]
 
 
+def shown(picture: NDArray[Any], plan: PatternPlan) -> NDArray[Any]:
+    """Return a picture as it is stored: those of 1 bit as black and white of 8 bit."""
+    return 255 * picture if plan.bits == 1 else picture
+
+
 def write_patterns(
     folder: StrPath,
     plan: PatternPlan,
@@ -276,12 +282,14 @@ def write_patterns(
             with replacing(written[0]) as temporary, tifffile.TiffWriter(temporary) as pages:
                 for label, picture in zip(labels, encode(plan), strict=True):
                     progress(label)
-                    pages.write(picture, contiguous=True, description=label, metadata=None)
+                    pages.write(
+                        shown(picture, plan), contiguous=True, description=label, metadata=None
+                    )
         else:
             names = frame_names(plan, ".png")
             for label, name, picture in zip(labels, names, encode(plan), strict=True):
                 progress(label)
                 written.append(writer.file(name))
-                write_frame(written[-1], picture)
+                write_frame(written[-1], shown(picture, plan))
         write_plan(writer.file(PLAN_FILE), plan)
         return written

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.patterns.binary import diffused
 from fringeworks.patterns.plan import PatternPlan, Uniform
 from fringeworks.types import FloatMap
 
@@ -36,12 +37,12 @@ def encode(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
 
     Yields
     ------
-    (height, width) arrays of counts 0 … 2^bits − 1: uint8 for 8 bits, uint16 for more.
+    (height, width) arrays of counts 0 … 2^bits − 1: uint8 up to 8 bits, uint16 for more.
 
     Notes
     -----
     A value v becomes the count (2^bits − 1) v^(1/γ). It is rounded to the nearest whole count, with
-    halves rounded up, or dithered.
+    halves rounded up, or dithered. Pictures of 1 bit are drawn by error diffusion.
 
     Examples
     --------
@@ -51,7 +52,7 @@ def encode(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
     [255, 128, 0, 128]
     """
     top = 2**plan.bits - 1
-    kind = np.uint8 if plan.bits == 8 else np.uint16
+    kind = np.uint8 if plan.bits <= 8 else np.uint16
     shape = (plan.height_px, plan.width_px)
     for block in plan.blocks:
         down = not isinstance(block, Uniform) and block.axis == "y"
@@ -60,7 +61,10 @@ def encode(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
             share = block.values(position, n) ** (1.0 / plan.gamma)
             line = top * np.round(share, SHARE_DECIMALS)
             picture = np.empty(shape, kind)
-            if plan.dither:
+            if plan.bits == 1:
+                lines = diffused(np.round(share, SHARE_DECIMALS), shape[1] if down else shape[0])
+                picture[...] = lines.T if down else lines
+            elif plan.dither:
                 across = line[:, None] if down else line
                 picture[...] = np.minimum(np.floor(across + _dither_thresholds(shape)), top)
             else:

@@ -27,8 +27,9 @@ from fringeworks.types import (
 )
 from fringeworks.types.computed import cached_property
 
-DEPTHS = (8, 10, 12, 16)
-"""Depths of pictures that can be drawn, bits: those of common projectors and displays."""
+DEPTHS = (1, 8, 10, 12, 16)
+"""Depths of pictures that can be drawn, bits: those of common projectors and displays, and of the
+mirrors of a micromirror device, which are on or off."""
 
 MAX_STEPS = 64
 """Largest number of steps in a set.
@@ -282,7 +283,8 @@ class PatternPlan(Plotted, Frozen):
     blocks: tuple[Block, ...]
     """Sets of steps, Gray codes and uniform frames in the order of projection."""
     bits: int = 8
-    """Depth of the pictures, 8, 10, 12 or 16; counts go from 0 to 2^bits − 1."""
+    """Depth of the pictures, 1, 8, 10, 12 or 16; counts go from 0 to 2^bits − 1. With 1, grey
+    levels are drawn by error diffusion."""
     gamma: float = 1.0
     """Exponent γ of the response that the patterns compensate: v^(1/γ) is sent; > 0."""
     dither: bool = False
@@ -298,6 +300,12 @@ class PatternPlan(Plotted, Frozen):
             raise InputError(f"bits: expected one of {depths}, got {self.bits}")
         if not positive(self.gamma):
             raise InputError(f"gamma: expected > 0, got {self.gamma}")
+        if self.bits == 1 and (self.gamma != 1.0 or self.dither):
+            raise InputError(
+                "plan: expected gamma 1 and no dither for pictures of 1 bit, whose grey levels are "
+                f"shares of lit mirrors, got gamma {self.gamma:g}"
+                f"{' and a dither' if self.dither else ''}"
+            )
         if not any(isinstance(block, PhaseSteps | GrayCode) for block in self.blocks):
             raise InputError("plan: expected fringes or Gray code, got uniform frames only")
         for block in self.blocks:

@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from fringeworks.devices.memory_projector import MemoryProjector
 from fringeworks.devices.protocols import Camera, Projector
+from fringeworks.devices.sequencer import SequenceProjector
 from fringeworks.patterns.encode import encode
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.patterns.propose import Proposal
 from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.fast import FastTaker
+from fringeworks.scan.pulses import PulseTaker
 from fringeworks.scan.saturation import MOST_SATURATED, SaturationGuard
 from fringeworks.scan.sequence import SequenceTaker
 from fringeworks.scan.taking import Picture, Taker
@@ -44,7 +46,9 @@ def take_frames(
     ----------
     projector : Projector
         Of the size of the plan, or larger: the plan's pictures are shown in the upper left corner
-        then, black around them. A ``MemoryProjector`` plays its own plan, which must be this one.
+        then, black around them. A ``MemoryProjector`` plays its own plan, which must be this one. A
+        ``SequenceProjector`` plays at its own pace; its pulses expose the camera, and pictures
+        whose pulse got no frame are taken again, which ``progress`` is told with their label.
     camera : Camera
     plan : PatternPlan
     delay : Delay, optional
@@ -75,7 +79,8 @@ def take_frames(
     taker = taker_of(projector, camera, delay)
     guard = SaturationGuard(camera, most_saturated)
     for number, grabs in taker.frames(pictures_of(projector, plan, only), average, guard):
-        progress(plan.labels()[number])
+        note = taker.notes.get(number, "") if isinstance(taker, PulseTaker) else ""
+        progress(plan.labels()[number] + note)
         yield number, _mean([grab.pixels for grab in grabs])
 
 
@@ -84,15 +89,17 @@ def taker_of(projector: Projector, camera: Camera, delay: Delay | None = None) -
 
     Raises
     ------
-    InputError for a delay together with a ``MemoryProjector``, whose frames are triggered one by
-    one, and for such a projector with a camera without trigger.
+    InputError for a delay together with a ``MemoryProjector`` or a ``SequenceProjector``, whose
+    frames are triggered one by one, and for such a projector with a camera without trigger.
     """
-    if isinstance(projector, MemoryProjector):
+    if isinstance(projector, MemoryProjector | SequenceProjector):
         if delay is not None:
             raise InputError(
                 "delay: expected none for a projector that plays from its memory: every frame is "
                 "triggered"
             )
+        if isinstance(projector, SequenceProjector):
+            return PulseTaker(projector, camera)
         return SequenceTaker(projector, camera)
     if delay is not None:
         return FastTaker(projector, camera, delay)

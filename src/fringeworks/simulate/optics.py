@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fringeworks.patterns.plan import DEPTHS
 from fringeworks.simulate.bayer import Bayer
 from fringeworks.simulate.lens import ThinLens
 from fringeworks.simulate.response_curve import ResponseCurve
 from fringeworks.types import InputError, check_fields
+
+DEPTHS = (8, 10, 12, 16)
+"""Depths of frames, bits: those of common cameras."""
 
 
 @dataclass(frozen=True)

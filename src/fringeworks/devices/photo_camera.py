@@ -1,0 +1,223 @@
+"""Photo cameras on USB, through the program gphoto2."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.devices.folder_camera import whole_counts
+from fringeworks.devices.protocols import CameraLimits, Closing, Grab
+from fringeworks.files.images import IMAGE_SUFFIXES
+from fringeworks.types import CameraSettings, DeviceProblem, InputError, MissingPackage, Region
+
+PROGRAM = "gphoto2"
+"""Name of the program; it runs as a process of its own."""
+ANSWER_S = 20.0
+"""Longest wait for the program, s, beyond the exposure: a photograph of 50 megapixels takes 10 s
+over USB 2."""
+FARTHEST = 0.4
+"""Largest distance of an exposure from the nearest one that the camera has, relative to it:
+cameras have thirds of stops, 26 % apart."""
+SHUTTER = "shutterspeed"
+"""Name of the exposure among the program's settings."""
+
+
+class PhotoCamera(Closing):
+    """A photo camera that takes a picture when a frame is asked for.
+
+    Parameters
+    ----------
+    port : str, optional
+        The program's port, such as ``usb:001,004``; the first camera by default.
+
+    Raises
+    ------
+    MissingPackage without the program; DeviceProblem where there is no camera.
+
+    Notes
+    -----
+    Set the camera to manual exposure and focus, and to raw images: of raw and JPEG, the raw one is
+    read. Every frame is exposed after it was asked for.
+    """
+
+    def __init__(self, port: str = "") -> None:
+        self._name = f"gphoto2 {port}".strip()
+        if shutil.which(PROGRAM) is None:
+            raise MissingPackage(
+                "a photo camera: expected the program gphoto2, got none; apt install gphoto2 "
+                "(Debian, Ubuntu), brew install gphoto2 (macOS)"
+            )
+        self._port = ["--port", port] if port else []
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._size_px: tuple[int, int] | None = None
+        self._count = 0
+        self._exposure_ms: float | None = None
+        self._ahead: Grab | None = None
+        self._name = self._model() or self._name
+        self._folder = tempfile.TemporaryDirectory(prefix="fringeworks-photo-")
+        self._exposure_ms = _milliseconds(self._setting(SHUTTER)[0])
+
+    @property
+    def name(self) -> str:
+        """Model of the camera."""
+        return self._name
+
+    def limits(self) -> CameraLimits:
+        """Frame size and exposures. Takes a photograph the first time, for the next ``grab``."""
+        self._sized()
+        assert self._size_px is not None
+        times = [t for _, t in self._exposures()]
+        exposures = (min(times), max(times)) if times else None
+        return CameraLimits(*self._size_px, exposure_ms=exposures)
+
+    def configure(self, settings: CameraSettings) -> CameraSettings:
+        """Change the exposure to the nearest one that the camera has; see ``Camera.configure``.
+
+        Raises
+        ------
+        InputError for other settings, and exposures far from all that the camera has; DeviceProblem
+        where it is gone.
+        """
+        others = [
+            name
+            for name in settings.given()
+            if name != "exposure_ms" and not (name == "triggered" and settings.triggered is False)
+        ]
+        if self._size_px is not None and settings.region == Region(0, 0, *self._size_px):
+            others.remove("region")
+        if others:
+            raise InputError(
+                f"{self.name}: {', '.join(others)}: expected no such setting; set it on the camera"
+            )
+        if settings.exposure_ms is not None:
+            self._expose(settings.exposure_ms)
+        region = None if self._size_px is None else Region(0, 0, *self._size_px)
+        return CameraSettings(self._exposure_ms, None, region, None, False)
+
+    def grab(self, timeout_s: float = 5.0) -> Grab:
+        """Take a photograph and return it; see ``Camera.grab``."""
+        del timeout_s  # The program has its own, which is longer.
+        if self._ahead is not None:
+            ahead, self._ahead = self._ahead, None
+            return ahead
+        if self._folder is None:
+            raise DeviceProblem(f"{self.name}: expected an open camera, got a closed one")
+        place = Path(self._folder.name)
+        pattern = str(place / f"{self._count:06d}.%C")
+        self._run("--capture-image-and-download", "--force-overwrite", "--filename", pattern)
+        taken = sorted(place.iterdir(), key=lambda path: path.suffix.lower() in IMAGE_SUFFIXES)
+        if not taken:
+            raise DeviceProblem(
+                f"{self.name}: expected a photograph, got none: its card or its buffer may be full"
+            )
+        try:
+            frame = whole_counts(taken[0])
+        finally:
+            for path in taken:
+                path.unlink()
+        return self._grabbed(frame)
+
+    def waiting(self) -> int:
+        """Number of frames that were taken and not returned: frames are taken when asked for."""
+        return int(self._ahead is not None)
+
+    def discard(self) -> None:
+        """Forget a photograph that was not returned yet."""
+        self._ahead = None
+
+    def close(self) -> None:
+        """Delete temporary files; again without effect."""
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
+
+    def _grabbed(self, frame: NDArray[Any]) -> Grab:
+        self._size_px = frame.shape[1], frame.shape[0]
+        self._count += 1
+        return Grab(np.ascontiguousarray(frame), time.monotonic(), None, self._count - 1)
+
+    def _sized(self) -> None:
+        if self._size_px is None:
+            self._ahead = self.grab()
+
+    def _model(self) -> str:
+        """Model by the program's list: a line of it and its port for each camera."""
+        lines = self._run("--auto-detect").splitlines()[2:]
+        found = [re.split(r"\s{2,}", line.strip()) for line in lines if line.strip()]
+        wanted = self._port[1] if self._port else None
+        for parts in found:
+            if wanted is None or parts[-1] == wanted:
+                return parts[0]
+        there = ", ".join(parts[-1] for parts in found) or "none"
+        raise DeviceProblem(
+            f"{self._name}: expected a camera that is connected, switched on and not mounted as a "
+            f"disk, got none; ports of cameras found: {there}"
+        )
+
+    def _setting(self, name: str) -> tuple[str, list[str]]:
+        """Present value of a setting, and its choices."""
+        text = self._run("--get-config", name)
+        present = re.search(r"^Current: (.*)$", text, re.M)
+        return present[1].strip() if present else "", re.findall(r"^Choice: \d+ (.*)$", text, re.M)
+
+    def _exposures(self) -> list[tuple[str, float]]:
+        """The camera's words for exposures, and their times, ms."""
+        times = [(word, _milliseconds(word)) for word in self._setting(SHUTTER)[1]]
+        return [(word, time_ms) for word, time_ms in times if time_ms is not None]
+
+    def _expose(self, exposure_ms: float) -> None:
+        choices = self._exposures()
+        word, nearest = min(choices, key=lambda c: abs(c[1] - exposure_ms), default=("", 0.0))
+        if abs(nearest - exposure_ms) > FARTHEST * exposure_ms:
+            low, high = (f(t for _, t in choices) if choices else 0.0 for f in (min, max))
+            raise InputError(
+                f"{self.name}: exposure_ms: expected about one of the camera's own, {low:g} to "
+                f"{high:g}, got {exposure_ms:g}; set the camera to manual exposure (M)"
+            )
+        self._run("--set-config", f"{SHUTTER}={word}")
+        self._exposure_ms = _milliseconds(self._setting(SHUTTER)[0])
+
+    def _run(self, *words: str) -> str:
+        """Output of the program."""
+        # With another language, other words would be printed.
+        command = [PROGRAM, *self._port, "--quiet"] if words[0] != "--auto-detect" else [PROGRAM]
+        wait_s = ANSWER_S + 1e-3 * (self._exposure_ms or 0.0)
+        try:
+            done = subprocess.run(
+                [*command, *words], capture_output=True, text=True, timeout=wait_s, check=False,
+                env={**os.environ, "LC_ALL": "C"}, errors="replace",
+            )  # fmt: skip
+        except subprocess.TimeoutExpired as error:
+            raise DeviceProblem(
+                f"{self._name}: expected an answer of gphoto2 within {wait_s:g} s, got none: "
+                "switch the camera off and on"
+            ) from error
+        if done.returncode:
+            lines = [line.strip("* ") for line in done.stderr.splitlines() if line.strip("* ")]
+            lines = [line for line in lines if "rror" in line] or [*lines, "nothing"]
+            raise DeviceProblem(
+                f"{self._name}: expected a camera that is connected and switched on, got: "
+                f"{lines[0]}; connect it and resume"
+            )
+        return done.stdout
+
+
+def _milliseconds(word: str) -> float | None:
+    """An exposure as cameras write it, such as 1/60, 0.5, 1.3s or 30; None for words as bulb."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?(?:/\d+(?:\.\d+)?)?)\s*s?", word.strip())
+    if match is None:
+        return None
+    top, _, bottom = match[1].partition("/")
+    if bottom and not float(bottom):
+        return None
+    return 1e3 * float(Fraction(top) / Fraction(bottom or "1")) or None

@@ -40,7 +40,7 @@ ROOMS = [
     ["pipeline"],
     ["evaluate", "scan"],
     ["report"],
-    ["showcase"],
+    ["showcase", "serving"],
     ["studio", "batch"],
     ["cli"],
 ]

@@ -43,6 +43,8 @@ class Job:
     problem: str = ""
     """Why it failed: what was found, a line each, then one sentence."""
     started_s: float = field(default_factory=time.monotonic)
+    died: bool = False
+    """Whether it failed because its process ended."""
     stopping: bool = False
     """Whether it was asked to stop."""
     latest: dict[str, Any] = field(default_factory=dict)
@@ -143,8 +145,6 @@ class Worker:
         self._waiting: deque[tuple[Job, Task, tuple[Any, ...]]] = deque()
         self.job: Job | None = None
         """The present or last piece of work."""
-        self.deaths = 0
-        """How often the process has ended in the middle of work."""
 
     @property
     def busy(self) -> bool:
@@ -252,7 +252,7 @@ class Worker:
                     job.end("failed", value)
         except (EOFError, OSError):
             if job.state == "running":
-                self.deaths += 1
+                job.died = True
                 job.end(
                     "failed", f"{job.name}: expected a result, but the process ended; start again"
                 )

@@ -1,20 +1,20 @@
-"""A small virtual scanner for the service's tests, as a plug-in: frames of 128 × 102 px, at once."""
+"""A small virtual scanner for the service's tests, as a plug-in: frames of 192 × 154 px, at once."""
 
 from __future__ import annotations
 
 import time
 
 import fringeworks as fw
-from fringeworks.devices.bench import MODEL
+from fringeworks.devices.bench import MODEL, SCENES
 from fringeworks.devices.clock import SimulatedClock
 from fringeworks.devices.virtual_camera import VirtualCamera
 from fringeworks.devices.virtual_projector import ProjectorModel, VirtualProjector
 from fringeworks.devices.virtual_scene import RigScene
-from fringeworks.simulate.standard import bust, standard_rig
+from fringeworks.simulate.standard import standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import DeviceProblem
 
-SCALE = 0.1
+SCALE = 0.15
 """Of the standard rig; ``tests/service_running.py`` has the same."""
 SLOW_S = 0.1
 """Time of a frame of the slow camera, s."""
@@ -40,7 +40,7 @@ def open_quick(scene):
     projector = VirtualProjector(
         ProjectorModel(model.projector.width_px, model.projector.height_px), clock=SimulatedClock()
     )
-    camera = Slow(RigScene(look(model, bust())), projector, MODEL)
+    camera = Slow(RigScene(look(model, SCENES["plane"]())), projector, MODEL)
     camera.wait_s = SLOW_S if scene == "slow" else 0.0
     camera.fails = scene == "broken"
     return projector, camera

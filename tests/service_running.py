@@ -29,8 +29,8 @@ within = "nose"
 [areas.nose]
 box = [50, 40, 78, 65]
 [[tolerances]]
-name = "flat"
-quantity = "flatness"
+name = "sharp"
+quantity = "median_sigma"
 areas = ["nose"]
 max = 0.001
 """
@@ -38,7 +38,7 @@ max = 0.001
 
 def quick_rig():
     """The true rig of the quick scanner."""
-    return fw.simulate.standard_rig(scale=0.1)
+    return fw.simulate.standard_rig(scale=0.15)
 
 
 def quick_plan():

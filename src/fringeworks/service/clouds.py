@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from fringeworks.files.points import CLOUD, read_cloud, write_points
 from fringeworks.files.robot_poses import parse_robot_pose
 from fringeworks.rig.robot.base import in_base
 from fringeworks.service.models import Format, FrameName, MeasureRequest, ScanRequest
-from fringeworks.types import InputError, PointCloud, Rig
+from fringeworks.types import FileProblem, InputError, PointCloud, Rig
 
 CLOUD_FILE = "cloud.npz"
 """The result itself: all others are made from it."""
@@ -71,11 +72,28 @@ def write_cloud(path: Path, cloud: PointCloud, form: Format) -> None:
         write_points(path, cloud)
         return
     with replacing(path) as temporary:
-        if form == "npz":
-            # Compressing takes longer than measuring.
-            write_members(temporary, CLOUD.arrays(cloud), compressed=False)
-        else:
-            temporary.write_bytes(depth_bytes(cloud))
+        _write(temporary, cloud, form)
+
+
+def write_cloud_in_half(path: Path, cloud: PointCloud, form: Format) -> None:
+    """Write a cloud into a folder that is not whole yet, which saves the renaming of the file."""
+    if form == "ply":
+        write_points(path, cloud)
+        return
+    try:
+        _write(path, cloud, form)
+        with path.open("rb") as file:
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise FileProblem(f"{path}: could not be written: {error.strerror}") from error
+
+
+def _write(path: Path, cloud: PointCloud, form: Format) -> None:
+    if form == "npz":
+        # Compressing takes longer than measuring.
+        write_members(path, CLOUD.arrays(cloud), compressed=False)
+    else:
+        path.write_bytes(depth_bytes(cloud))
 
 
 def depth_bytes(cloud: PointCloud) -> bytes:

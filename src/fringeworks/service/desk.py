@@ -259,9 +259,9 @@ class Desk:
             except FileProblem as problem:
                 # The disk is full: what is known stays in memory, and the queue still has the job.
                 self._note(self._jobs[number], "failed", problem=str(problem))
+                self._tell("ended", number)
             finally:
                 self._running = None
-                self._tell("ended", number)
 
     def _do(self, job: JobInfo) -> None:
         """Do a job, again where its process ends."""
@@ -272,9 +272,9 @@ class Desk:
             job = self._note(
                 job, "running", attempts=job.attempts + 1, steps=self._steps(job.request)
             )
-            self.store.put(job)
-            self._tell("running", job.number)
             work = self._begin(job)
+            self.store.put(job)  # while the first picture is shown
+            self._tell("running", job.number)
             self._follow(job.number, work)
             if work.state != "failed" or not work.died or job.attempts >= MOST_ATTEMPTS:
                 break
@@ -343,18 +343,22 @@ class Desk:
         ended = job.model_copy(
             update={"state": state, "problem": problem or None, "ended": _now(), **more}
         )
-        self._keep(ended)
         self.metrics.ended(job.kind, state)
-        if self._running != job.number:
-            self._tell("ended", job.number)
+        self._keep(ended)
 
     def _keep(self, job: JobInfo) -> None:
-        """Keep an ended job on the disk, and delete old ones."""
+        """Keep an ended job on the disk, tell it, and delete old ones."""
         self.store.end(job)
         with self._wake:
             self._jobs[job.number] = job
             self._asked.pop(job.number, None)
-            for number in self.store.purge():
+            if self._running == job.number:
+                self._running = None
+        self._tell("ended", job.number)
+        self.store.settle(job.number)
+        old = self.store.purge()
+        with self._wake:
+            for number in old:
                 self._jobs.pop(number, None)
 
     def _note(self, job: JobInfo, state: State, **more: Any) -> JobInfo:

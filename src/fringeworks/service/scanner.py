@@ -22,7 +22,7 @@ from fringeworks.pipeline.inputs import capture_of
 from fringeworks.pipeline.stacks import measure
 from fringeworks.rig.triangulate import Triangulator
 from fringeworks.scan.bench import Bench, Take, open_bench, take, take_in_memory
-from fringeworks.service.clouds import CLOUD_FILE, cloud_file, placed, write_cloud
+from fringeworks.service.clouds import CLOUD_FILE, cloud_file, placed, write_cloud_in_half
 from fringeworks.service.models import MeasureRequest, ScanRequest
 from fringeworks.serving.worker import Link
 from fringeworks.stack.frames import Stack
@@ -137,7 +137,7 @@ def _result(
         raise InputError("scan: expected points, got none", findings=cloud.findings)
     shutil.rmtree(places.half, ignore_errors=True)
     places.half.mkdir(parents=True)
-    write_cloud(places.half / CLOUD_FILE, cloud, "npz")
+    write_cloud_in_half(places.half / CLOUD_FILE, cloud, "npz")
     for form in wanted.formats:
         if wanted.frame == "camera" or form == "depth":
             _write(places.half, cloud, form, "camera")
@@ -153,7 +153,7 @@ def _result(
 def _write(folder: Path, cloud: PointCloud, form: Any, frame: Any) -> None:
     path = cloud_file(folder, form, frame)
     if not path.exists():
-        write_cloud(path, cloud, form)
+        write_cloud_in_half(path, cloud, form)
 
 
 def _said(cloud: PointCloud, inspection: Inspection | None) -> dict[str, Any]:

@@ -107,7 +107,7 @@ class Store:
         return self.root / RESULTS / f"{TEMPORARY}{_name(number)}"
 
     def end(self, job: JobInfo) -> None:
-        """Give an ended job its folder, with the files of its result, and drop it from the queue.
+        """Give an ended job its folder, with the files of its result; ``settle`` follows.
 
         Raises
         ------
@@ -118,15 +118,22 @@ class Store:
             shutil.rmtree(half, ignore_errors=True)
         try:
             half.mkdir(exist_ok=True)
-            write_text(half / JOB_FILE, job.model_dump_json())
+            with (half / JOB_FILE).open("w", encoding="utf-8") as file:
+                file.write(job.model_dump_json())
+                file.flush()
+                os.fsync(file.fileno())
+            _sync(half)
             half.rename(folder)
-            _sync(folder.parent)
         except OSError as error:
             raise FileProblem(f"{folder}: could not be written: {error.strerror}") from error
-        self.drop(job.number)
 
-    def drop(self, number: int) -> None:
-        """Take a job out of the queue."""
+    def settle(self, number: int) -> None:
+        """Bring the name of an ended job to the disk, and take it out of the queue.
+
+        Nobody waits for this: after a power cut in between, the queue has the job, and it is done
+        again or named as lost.
+        """
+        _sync(self.root / RESULTS)
         with suppress(OSError):
             self._entry(number).unlink(missing_ok=True)
 

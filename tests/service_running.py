@@ -64,8 +64,8 @@ class Running:
         words = "quick" + (f":{scene}" if scene else "")
         self.command = [
             *(sys.executable, "-m", "fringeworks", "--plugin", str(PLUGIN), "serve"),
-            *(str(self.folder / "srv"), "--rig", str(self.folder / "rig.toml")),
-            *("--plan", str(self.folder / "plan.toml"), "--projector", "quick"),
+            *(str(self.folder / "srv"), str(self.folder / "plan.toml")),
+            *("--rig", str(self.folder / "rig.toml"), "--projector", "quick"),
             *("--camera", words, "--port", "0", *options),
         ]
         self.begin()

@@ -556,3 +556,41 @@ def test_frames_in_memory_are_those_of_a_capture(tmp_path):
         assert [one.text for one in disk.findings] == [one.text for one in memory.findings]
     with pytest.raises(fw.InputError, match="need a folder"):
         take_in_memory(bench, Take(hdr=2))
+
+
+PAGE = (DOCUMENT.parent / "service.md").read_text("utf-8")
+
+
+@pytest.mark.usefixtures("kept")
+def test_the_commands_of_the_page_run(served, tmp_path):
+    """Each with the address of this service; jobs of the page are those of its own scan."""
+    lines = [line.strip() for line in PAGE.splitlines() if line.startswith("    curl ")]
+    assert len(lines) == 5
+    number = "1"
+    for line in lines:
+        words = line.replace("http://127.0.0.1:8138", served.address)
+        words = words.replace("/jobs/1", f"/jobs/{number}")
+        done = subprocess.run(
+            ["/bin/sh", "-c", f"TOKEN={TOKEN}; {words} -w ' %{{http_code}}'"],
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
+            check=True,
+        )
+        said, _, status = done.stdout.rpartition(" ")
+        assert status in ("200", "202"), done.stdout
+        if "scans" in line:
+            number = str(json.loads(said)["number"])
+    assert (tmp_path / "part.ply").read_bytes().startswith(b"ply")
+
+
+def test_the_program_of_the_page_runs(served, monkeypatch, capsys):
+    (text,) = re.findall(r"```python\n(.*?)```", PAGE, re.S)
+    monkeypatch.setenv("FRINGEWORKS_TOKEN", TOKEN)
+    exec(compile(text.replace("http://127.0.0.1:8138", served.address), "service.md", "exec"), {})
+    assert re.fullmatch(r"\d+ points, median σ 0\.\d+ mm\n", capsys.readouterr().out)
+
+
+def test_every_route_is_on_the_page():
+    for path in json.loads(DOCUMENT.read_text("utf-8"))["paths"]:
+        assert path.rpartition("/")[2].replace("{number}", "N") in PAGE, path

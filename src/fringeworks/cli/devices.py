@@ -359,14 +359,12 @@ def serve(
         Path, typer.Argument(help="Folder of the queue, the results, the recipes and the token.")
     ],
     rig: Annotated[Path, typer.Option("--rig", help="Rig file of `calibrate`.")],
+    plan: PlanOfSetup = None,
     setup: Annotated[
         Path | None, typer.Option(help="Set-up file: devices, settings, delay and plan.")
     ] = None,
     projector: ProjectorWords = None,
     camera: CameraWords = None,
-    plan: Annotated[
-        Path | None, typer.Option("--plan", help="Plan file, where the set-up has another.")
-    ] = None,
     host: Annotated[
         str | None, typer.Option(help="Address to serve other machines on; all need the token.")
     ] = None,

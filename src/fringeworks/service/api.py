@@ -17,7 +17,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response, StreamingResponse
 from starlette.exceptions import HTTPException
 
-from fringeworks import __version__
+from fringeworks import _core
 from fringeworks.service.clouds import MEDIA, SUFFIXES, cloud_file, made_cloud
 from fringeworks.service.desk import Desk, Ending, NoSuchJob, QueueFull, is_open
 from fringeworks.service.events import Hub
@@ -211,7 +211,7 @@ def _about(parts: Parts) -> APIRouter:
             limit=desk.limit,
             busy=desk.running is not None,
             uptime_s=time.monotonic() - desk.started_s,
-            version=__version__,
+            version=_core.version,
         )
         return Response(text, media_type=CONTENT_TYPE)
 
@@ -225,7 +225,7 @@ def _about(parts: Parts) -> APIRouter:
 def _status(desk: Desk) -> Status:
     rig, running = desk.rig, desk.running
     return Status(
-        version=__version__,
+        version=_core.version,
         api=API_VERSION,
         state="ending" if desk.ending else "idle" if running is None else "busy",
         running=running,

@@ -1,8 +1,8 @@
 """Run the steps of the image in an empty environment, where no container engine is at hand.
 
-``python release/image_steps.py --wheel dist/*.whl`` installs the wheel as the Dockerfile does, makes
-a virtual scanner in place of ``/data``, runs the image's command, and asks for its health and a
-scan.
+``python release/image_steps.py --wheel dist/*.whl`` installs the wheel as the Dockerfile does,
+makes a virtual scanner in place of ``/data``, runs the command of the image, and asks for its
+health and a scan.
 """
 
 from __future__ import annotations

@@ -20,10 +20,8 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 import fringeworks as fw
-from fringeworks.service.models import API_VERSION, JobInfo, ScanRequest
-from fringeworks.service.store import Store
+from fringeworks.service.models import API_VERSION
 from fringeworks.serving.guard import MOST_BYTES
-from fringeworks.types import FileProblem
 from tests.json_schema import wrong
 from tests.service_running import HEADERS, RECIPE, TOKEN, Running, mounted, quick_rig
 
@@ -60,7 +58,7 @@ REQUESTS = [
     ("post", "/v1/scans", {}, {"recipe": "../part"}, 422),
     ("post", "/v1/scans", {}, {"recipe": "other"}, 422),
     ("post", "/v1/scans", {}, {"robot_pose": "1,2,3,4,5,6"}, 422),
-    ("post", "/v1/measurements", {}, {"scan": 1}, 202),
+    ("post", "/v1/measurements", {}, {"scan": "kept"}, 202),
     ("post", "/v1/measurements", {}, {"scan": 99}, 422),
     ("get", "/v1/jobs", {}, None, 200),
     ("get", "/v1/jobs", {"state": "done", "limit": 1}, None, 200),
@@ -92,8 +90,9 @@ def agrees(document, method, path, answer):
 def test_every_route_answers_as_its_schema_says(served, kept):
     document = served.web.get("/openapi.json").json()
     tried = set()
-    for method, path, query, body, status in REQUESTS:
+    for method, path, query, wanted, status in REQUESTS:
         place = path.format(number=kept["number"])
+        body = {"scan": kept["number"]} if wanted == {"scan": "kept"} else wanted
         answer = served.web.request(method, place, params=query, json=body)
         assert answer.status_code == status, (path, query, body, answer.text[:300])
         agrees(document, method, path, answer)
@@ -257,7 +256,7 @@ def test_garbage_is_refused_in_words(served):
 
 def test_clients_that_vanish_lose_nothing(served):
     """A scan whose client is gone is done; half a body scans nothing; half a download harms nobody."""
-    last = served.web.get("/v1/jobs").json()["jobs"][0]["number"]
+    last = served.ended(served.scan())["number"]
     body = b'{"name": "vanished"}'
     head = request_text(
         "POST", "/v1/scans", "Content-Type: application/json", f"Content-Length: {len(body)}"
@@ -453,52 +452,6 @@ def test_slow_headers_and_bodies_are_ended(monkeypatch):
     assert " 200 " in good.splitlines()[0]
 
 
-def job(number, state="waiting"):
-    request = ScanRequest()
-    return JobInfo(
-        number=number,
-        kind="scan",
-        name=None,
-        key=None,
-        state=state,
-        place=None,
-        accepted="",
-        ended=None,
-        attempts=0,
-        step=0,
-        steps=0,
-        problem=None,
-        request=request,
-        result=None,
-    )
-
-
-def test_results_are_there_as_a_whole_and_old_ones_go(tmp_path):
-    store = Store(tmp_path, keep=2)
-    for number in (1, 2, 3):
-        store.put(job(number))
-        (store.half(number)).mkdir()
-        (store.half(number) / "cloud.npz").write_bytes(b"x")
-        store.capture(number).mkdir()
-        assert [n for n, _ in store.open_jobs()] == [number]
-        store.end(job(number, "done"))
-        if number > 1:
-            store.settle(number)
-        assert store.open_jobs() == []
-    assert [one.number for one in store.ended()] == [1, 2, 3]
-    assert store.purge() == [1]
-    assert [one.number for one in store.ended()] == [2, 3]
-    assert not store.capture(1).exists()
-    assert store.capture(2).is_dir()
-    # Ended just before the power went: the entry of the queue is dropped.
-    store.put(job(3))
-    assert store.open_jobs() == []
-    with pytest.raises(FileProblem, match="another service"):
-        Store(tmp_path, keep=2)
-    store.close()
-    Store(tmp_path, keep=2).close()
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -529,33 +482,6 @@ def test_a_missing_package_is_named(tmp_path):
     ).stderr
     assert "MissingPackage: service: expected the package uvicorn" in said
     assert "pip install 'fringeworks[service]'" in said
-
-
-def test_frames_in_memory_are_those_of_a_capture(tmp_path):
-    """The same bits come from memory and from the written capture."""
-    from fringeworks.devices.clock import SimulatedClock
-    from fringeworks.scan.bench import Bench, Take, take, take_in_memory
-
-    rig = fw.devices.virtual_rig()
-    plan = fw.simulate.fringe_plan(rig, both=False)
-    clouds = []
-    for average in (1, 2):
-        for on_disk in (True, False):
-            projector, camera = fw.devices.virtual_bench("sphere", clock=SimulatedClock(), seed=7)
-            bench = Bench(projector, camera, chosen_plan=plan)
-            how = Take(average=average)
-            found = (
-                take(bench, tmp_path / f"c{average}", how)
-                if on_disk
-                else take_in_memory(bench, how)
-            )
-            clouds.append(fw.measure(found, rig).points)
-    for disk, memory in (clouds[:2], clouds[2:]):
-        assert np.array_equal(disk.xyz_mm, memory.xyz_mm, equal_nan=True)
-        assert np.array_equal(disk.sigma_mm, memory.sigma_mm, equal_nan=True)
-        assert [one.text for one in disk.findings] == [one.text for one in memory.findings]
-    with pytest.raises(fw.InputError, match="need a folder"):
-        take_in_memory(bench, Take(hdr=2))
 
 
 PAGE = (DOCUMENT.parent / "service.md").read_text("utf-8")

@@ -8,6 +8,7 @@ who waited for it.
 from __future__ import annotations
 
 import argparse
+import os
 import random
 import tempfile
 import time
@@ -50,7 +51,7 @@ def main() -> None:
     given = options.parse_args()
     chance = random.Random(1)
     killed_at = set(chance.sample(range(2, given.scans), given.kills))
-    late_ms, memory, ended = [], [], Counter()
+    late_ms, plain_ms, memory, ended = [], [], [], Counter()
     with tempfile.TemporaryDirectory() as folder:
         service = Running(folder, "--keep", "50")
         try:
@@ -71,6 +72,9 @@ def main() -> None:
                 there = time.monotonic()
                 found = service.ended(job)
                 ended[found["state"], found["attempts"]] += 1
+                asked_plainly = time.monotonic()
+                service.web.get("/health")
+                plain_ms.append(1e3 * (time.monotonic() - asked_plainly))
                 if found["attempts"] == 1 and cloud.status_code == 200:
                     times = found["result"]["timing"]
                     late_ms.append(1e3 * (there - asked - times["taking_s"] - times["computing_s"]))
@@ -79,6 +83,8 @@ def main() -> None:
             seconds = time.monotonic() - started
             print(f"{given.scans} scans in {seconds:.0f} s; (state, attempts): {dict(ended)}")
             print(f"later than frames and points: {np.percentile(late_ms, [50, 95, 99])} ms")
+            print(f"GET /health meanwhile: {np.percentile(plain_ms, [50, 95, 99])} ms")
+            print("load of the machine:", os.getloadavg(), "on", os.cpu_count(), "cores")
             print("server and worker, MB:", [f"{a:.0f} {b:.0f}" for a, b in memory])
             print("restarts:", service.web.get("/v1/status").json()["worker_restarts"])
             print("results kept:", len(list((Path(folder) / "srv" / "results").iterdir())))

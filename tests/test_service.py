@@ -385,6 +385,23 @@ def test_a_restart_goes_on_with_the_queue(tmp_path):
         running.close()
 
 
+def test_an_ordered_end_keeps_the_queue(tmp_path):
+    """The scan that runs is done or named, and the one that waits is done after the restart."""
+    running = Running(tmp_path, scene="slow")
+    first, second = running.scan(), running.scan()
+    until = time.monotonic() + 30
+    while running.web.get(f"/v1/jobs/{first['number']}").json()["step"] < 2:
+        assert time.monotonic() < until
+    running.close()
+    assert (tmp_path / "srv" / "queue" / "000002.json").is_file()
+    running.begin()
+    try:
+        assert running.ended(first)["state"] in ("done", "lost")
+        assert running.ended(second)["state"] == "done"
+    finally:
+        running.close()
+
+
 def test_a_camera_that_fails_is_said(tmp_path):
     running = Running(tmp_path, scene="broken")
     try:

@@ -276,7 +276,8 @@ class Desk:
             self.store.put(job)  # while the first picture is shown
             self._tell("running", job.number)
             self._follow(job.number, work)
-            if work.state != "failed" or not work.died or job.attempts >= MOST_ATTEMPTS:
+            again = work.died and work.state == "failed" and job.attempts < MOST_ATTEMPTS
+            if self._ending or not again:
                 break
             self.metrics.restarts += 1
         if self._ending and work.died:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import time
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import asynccontextmanager
-from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from contextlib import asynccontextmanager, suppress
+from typing import Annotated, Any, BinaryIO, NamedTuple
 
 from fastapi import APIRouter, FastAPI, Query, Request, WebSocket
 from fastapi import Path as InPath
@@ -292,8 +292,8 @@ def _results(parts: Parts) -> APIRouter:
         job = _done(await _ended(parts, _number(desk, number), wait_s))
         assert job.result is not None
         chosen: FrameName = frame or ("camera" if form == "depth" else job.result.frame)
-        path = await _made(parts, job, form, chosen)
-        return _file(parts, job, path, form, asked)
+        opened = await _made(parts, job, form, chosen)
+        return _file(parts, job, opened, form, asked)
 
     @router.get("/findings", summary="What was found in frames and points.")
     async def findings(number: Number, wait_s: WaitS = 0.0) -> Findings:
@@ -343,27 +343,28 @@ def _done(job: JobInfo) -> JobInfo:
     raise HTTPException(409, f"job {job.number} is {job.state}{why}")
 
 
-async def _made(parts: Parts, job: JobInfo, form: Format, frame: FrameName) -> Path:
-    """The file of a cloud, written first where it is not there."""
-    folder = parts.desk.store.folder(job.number)
-    path = cloud_file(folder, form, frame)
-    if path.is_file():
-        return path
+async def _made(parts: Parts, job: JobInfo, form: Format, frame: FrameName) -> BinaryIO:
+    """The file of a cloud, open; written first where it is not there."""
+    store, number = parts.desk.store, job.number
+    # A new result is handed out while it becomes whole.
+    for folder in (store.half(number), store.folder(number)):
+        with suppress(OSError):
+            return cloud_file(folder, form, frame).open("rb")
     if form == "depth" and frame == "base":
         raise HTTPException(422, "depth: expected frame=camera: depth is along the camera's axis")
     if parts.maker._work_queue.qsize() >= MOST_MADE:
         raise HTTPException(503, f"more than {MOST_MADE} clouds wait to be written; ask again")
     loop = asyncio.get_running_loop()
-    given = (folder, form, frame, parts.desk.rig, job.request)
-    return await loop.run_in_executor(parts.maker, made_cloud, *given)
-
-
-def _file(parts: Parts, job: JobInfo, path: Path, form: Format, asked: float) -> Response:
-    """A file in large parts; how long the first client waited for the last byte is counted."""
+    given = (store, number, form, frame, parts.desk.rig, job.request)
+    path = await loop.run_in_executor(parts.maker, made_cloud, *given)
     try:
-        opened = path.open("rb")
+        return path.open("rb")
     except OSError:
-        raise HTTPException(404, f"the files of job {job.number} were deleted") from None
+        raise HTTPException(404, f"the files of job {number} were deleted") from None
+
+
+def _file(parts: Parts, job: JobInfo, opened: BinaryIO, form: Format, asked: float) -> Response:
+    """A file in large parts; how long the first client waited for the last byte is counted."""
     measured = parts.desk.measured.get(job.number)
 
     async def content() -> AsyncIterator[bytes]:
@@ -380,7 +381,7 @@ def _file(parts: Parts, job: JobInfo, path: Path, form: Format, asked: float) ->
 
     assert job.result is not None
     headers = {
-        "content-length": str(path.stat().st_size),
+        "content-length": str(os.fstat(opened.fileno()).st_size),
         "content-disposition": f'attachment; filename="{job.number:06d}{SUFFIXES[form]}"',
         "cache-control": "no-store",
         "x-rows": str(job.result.rows),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ from fringeworks.files.points import CLOUD, read_cloud, write_points
 from fringeworks.files.robot_poses import parse_robot_pose
 from fringeworks.rig.robot.base import in_base
 from fringeworks.service.models import Format, FrameName, MeasureRequest, ScanRequest
+from fringeworks.service.store import Store
 from fringeworks.types import FileProblem, InputError, PointCloud, Rig
 
 CLOUD_FILE = "cloud.npz"
@@ -76,14 +76,12 @@ def write_cloud(path: Path, cloud: PointCloud, form: Format) -> None:
 
 
 def write_cloud_in_half(path: Path, cloud: PointCloud, form: Format) -> None:
-    """Write a cloud into a folder that is not whole yet, which saves the renaming of the file."""
+    """Write a cloud into a folder that is not whole yet; whoever makes it whole syncs its files."""
     if form == "ply":
         write_points(path, cloud)
         return
     try:
         _write(path, cloud, form)
-        with path.open("rb") as file:
-            os.fsync(file.fileno())
     except OSError as error:
         raise FileProblem(f"{path}: could not be written: {error.strerror}") from error
 
@@ -105,7 +103,12 @@ def depth_bytes(cloud: PointCloud) -> bytes:
 
 
 def made_cloud(
-    folder: Path, form: Format, frame: FrameName, rig: Rig, wanted: ScanRequest | MeasureRequest
+    store: Store,
+    number: int,
+    form: Format,
+    frame: FrameName,
+    rig: Rig,
+    wanted: ScanRequest | MeasureRequest,
 ) -> Path:
     """The file of a cloud, made from the result where it is not there yet.
 
@@ -113,6 +116,7 @@ def made_cloud(
     ------
     InputError for coordinates that are not known; FileProblem for files.
     """
+    folder = store.whole(number)
     path = cloud_file(folder, form, frame)
     if path.is_file():
         return path

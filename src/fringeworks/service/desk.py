@@ -348,15 +348,19 @@ class Desk:
         self._keep(ended)
 
     def _keep(self, job: JobInfo) -> None:
-        """Keep an ended job on the disk, tell it, and delete old ones."""
-        self.store.end(job)
+        """Tell an ended job, keep it on the disk, and delete old ones.
+
+        Who waits gets the files while they are being synced: a power cut in between leaves the job
+        in the queue, and the next start names it.
+        """
         with self._wake:
             self._jobs[job.number] = job
             self._asked.pop(job.number, None)
+        self._tell("ended", job.number)
+        self.store.end(job)
+        with self._wake:
             if self._running == job.number:
                 self._running = None
-        self._tell("ended", job.number)
-        self.store.settle(job.number)
         old = self.store.purge()
         with self._wake:
             for number in old:

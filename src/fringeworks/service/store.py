@@ -10,6 +10,7 @@ import json
 import os
 import re
 import shutil
+import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Self
@@ -33,6 +34,8 @@ LOCK_FILE = ".lock"
 """Held by the service that uses the folder."""
 DIGITS = 6
 """Digits of a job's number in names, so that they sort."""
+WHOLE_S = 10.0
+"""Longest wait until a result is on the disk, s: a busy disk takes a fraction of a second."""
 UNREADABLE = "its entry in the queue could not be read after a restart; request it again"
 
 
@@ -107,7 +110,7 @@ class Store:
         return self.root / RESULTS / f"{TEMPORARY}{_name(number)}"
 
     def end(self, job: JobInfo) -> None:
-        """Give an ended job its folder, with the files of its result; ``settle`` follows.
+        """Give an ended job its folder, with the files of its result, when all are on the disk.
 
         Raises
         ------
@@ -118,24 +121,34 @@ class Store:
             shutil.rmtree(half, ignore_errors=True)
         try:
             half.mkdir(exist_ok=True)
-            with (half / JOB_FILE).open("w", encoding="utf-8") as file:
-                file.write(job.model_dump_json())
-                file.flush()
-                os.fsync(file.fileno())
+            (half / JOB_FILE).write_text(job.model_dump_json(), encoding="utf-8")
+            for path in half.iterdir():
+                with path.open("rb") as file:
+                    os.fsync(file.fileno())
             _sync(half)
             half.rename(folder)
+            _sync(folder.parent)
         except OSError as error:
             raise FileProblem(f"{folder}: could not be written: {error.strerror}") from error
-
-    def settle(self, number: int) -> None:
-        """Bring the name of an ended job to the disk, and take it out of the queue.
-
-        Nobody waits for this: after a power cut in between, the queue has the job, and it is done
-        again or named as lost.
-        """
-        _sync(self.root / RESULTS)
         with suppress(OSError):
-            self._entry(number).unlink(missing_ok=True)
+            self._entry(job.number).unlink(missing_ok=True)
+
+    def whole(self, number: int) -> Path:
+        """Where a result is, after waiting until it is whole.
+
+        Raises
+        ------
+        FileProblem where that takes too long, as on a full disk.
+        """
+        until = time.monotonic() + WHOLE_S
+        folder = self.folder(number)
+        while True:
+            coming = self.half(number).is_dir()  # looked at first: it may be renamed meanwhile
+            if folder.is_dir():
+                return folder
+            if not coming or time.monotonic() > until:
+                raise FileProblem(f"{folder}: the result is not there")
+            time.sleep(WHOLE_S / 1000)
 
     def ended(self) -> list[JobInfo]:
         """All jobs whose results are there, by number."""

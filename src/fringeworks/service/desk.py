@@ -356,11 +356,10 @@ class Desk:
         with self._wake:
             self._jobs[job.number] = job
             self._asked.pop(job.number, None)
-        self._tell("ended", job.number)
-        self.store.end(job)
-        with self._wake:
             if self._running == job.number:
                 self._running = None
+        self._tell("ended", job.number)
+        self.store.end(job)
         old = self.store.purge()
         with self._wake:
             for number in old:

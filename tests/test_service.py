@@ -191,6 +191,20 @@ def test_the_metrics_are_what_prometheus_reads(served):
     assert values['fringeworks_stage_seconds_bucket{stage="computing",le="+Inf"}'] == done
 
 
+def test_the_delivery_to_a_client_who_waits_is_timed(served):
+    def delivered():
+        text = served.web.get("/metrics").text
+        return int(re.search(r'_count{stage="delivering"} (\d+)', text)[1])
+
+    before = delivered()
+    job = served.scan()
+    place = f"/v1/jobs/{job['number']}/cloud"
+    assert served.web.get(place, params={"wait_s": 60}).status_code == 200
+    assert delivered() == before + 1
+    assert served.web.get(place).status_code == 200
+    assert delivered() == before + 1  # this one did not wait
+
+
 @pytest.mark.parametrize(
     ("headers", "status"),
     [

@@ -15,6 +15,7 @@ NOT_RUN = {
         "deviation.md",
         'part = fw.surface.clean_cloud(fw.files.read_cloud("part.npz"))',
     ): "a part with its drawing: tests/test_deviation.py",
+    ("service.md", "import json"): "a running service: tests/test_service.py",
     ("batch.md", "import xarray as xr"): "the number of a scan is made up: tests/test_batch.py",
     ("sequences.md", "import fringeworks as fw"): "a long sequence: tests/test_sequence.py",
     (

@@ -40,8 +40,8 @@ ROOMS = [
     ["pipeline"],
     ["evaluate", "scan"],
     ["report"],
-    ["showcase"],
-    ["studio", "batch"],
+    ["showcase", "serving"],
+    ["studio", "batch", "service"],
     ["cli"],
 ]
 PLACE = {room: line for line, rooms in enumerate(ROOMS) for room in rooms}

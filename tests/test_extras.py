@@ -134,6 +134,8 @@ CALLS = {
     "fw.devices.WebcamCamera(made('x.avi'))": f"a webcam: {OPENCV}",
     "next(iter(fw.stack.decode_sequence([], fw.files.read_plan(plan))))": f"a sequence: {OPENCV}",
     "fw.merge(['a', 'b'], board='chessboard:9x7:20')": f"a board among the views: {OPENCV}",
+    "fw.run_service(out, 'rig.toml', projector='virtual', camera='virtual')": "service: expected the package "
+    "opencv-python-headless, got none: pip install 'fringeworks[service]'",
     "fw.run_studio(out)": "studio: expected the package opencv-python-headless, got none: "
     "pip install 'fringeworks[studio]'",
 }

@@ -21,6 +21,7 @@ from fringeworks.cli.devices import TakingOptions
 from fringeworks.devices import virtual_camera
 from fringeworks.devices.bench import SCALE, virtual_bench
 from fringeworks.scan.bench import Take
+from fringeworks.serving.worker import Job
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.scene import standard_scene
@@ -29,7 +30,6 @@ from fringeworks.simulate.virtual_rig import look
 from fringeworks.studio.actions import MergeViews, Scan
 from fringeworks.studio.session import Shown
 from fringeworks.studio.state import Studio
-from fringeworks.studio.worker import Job
 from tests.grids import quick
 
 SCENE = "virtual:sphere"

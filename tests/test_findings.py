@@ -18,10 +18,10 @@ from fringeworks.cli import output
 from fringeworks.cli.commands import run
 from fringeworks.files.findings import findings_as_json, findings_from_json
 from fringeworks.patterns import PhaseSteps, equal_steps
+from fringeworks.serving.worker import _answer
 from fringeworks.simulate.bodies import Plane
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body
-from fringeworks.studio.worker import _answer
 from fringeworks.types import Finding, InputError, Pixels, Region, by_effect, found_before
 from tests.rigs import BOARD, ahead, board, poses, rig, shoot
 from tests.stacks import take

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 import pytest
 
 import fringeworks as fw
-from fringeworks.studio.guard import COOKIE, MOST_BYTES, Guard
+from fringeworks.serving.guard import COOKIE, MOST_BYTES, Guard
 from fringeworks.studio.state import Studio
 from fringeworks.studio.workspace import open_workspace
 from fringeworks.types import FileProblem, InputError
@@ -134,7 +134,7 @@ def test_sockets_of_others_are_refused(headers):
 
 def test_a_body_of_untold_length_ends_at_the_limit():
     parts = [b"x" * (MOST_BYTES // 2)] * 5
-    assert status(OWN, method="POST", body=parts) is None
+    assert status(OWN, method="POST", body=parts) == 413
     assert status(OWN, method="POST", body=parts[:2]) == 200
 
 

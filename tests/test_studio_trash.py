@@ -12,6 +12,7 @@ pytest.importorskip("nicegui", reason="nicegui is not installed")
 
 import fringeworks as fw
 from fringeworks.scan.bench import Take
+from fringeworks.serving.worker import Job
 from fringeworks.studio.actions import DrawBoard, Scan
 from fringeworks.studio.log import CommandLog
 from fringeworks.studio.notes import Notes
@@ -19,7 +20,6 @@ from fringeworks.studio.places import STEPS, Place, place_of
 from fringeworks.studio.recipes import RecipeKeeper
 from fringeworks.studio.state import Studio
 from fringeworks.studio.trash import ENTRY_FILE, KEPT_DAYS, STAMP, Trash
-from fringeworks.studio.worker import Job
 from fringeworks.studio.workspace import open_workspace
 from fringeworks.types import InputError
 

@@ -12,13 +12,13 @@ import time
 import pytest
 
 import fringeworks as fw
+from fringeworks.serving.worker import Worker
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.studio import tasks
 from fringeworks.studio.actions import Export, perform
-from fringeworks.studio.worker import Worker
 from fringeworks.studio.workspace import open_workspace
 from fringeworks.types import InputError
 

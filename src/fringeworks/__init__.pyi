@@ -152,3 +152,6 @@ from .files.read_write import (
 from .studio.run import (
     run_studio as run_studio,
 )
+from .service.run import (
+    run_service as run_service,
+)

@@ -1,4 +1,4 @@
-"""``fringeworks devices | setup | capture | scan | studio``: projectors and cameras."""
+"""``fringeworks devices | setup | capture | scan | studio | serve``: projectors and cameras."""
 
 from __future__ import annotations
 
@@ -348,3 +348,42 @@ def studio(
 ) -> None:
     """Set up, calibrate, scan, look and export on a page in the browser."""
     fw.run_studio(folder, host=host, port=port, show=show)
+
+
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks serve scanner/ --setup setup.toml --rig rig.toml",
+)
+def serve(
+    folder: Annotated[
+        Path, typer.Argument(help="Folder of the queue, the results, the recipes and the token.")
+    ],
+    rig: Annotated[Path, typer.Option("--rig", help="Rig file of `calibrate`.")],
+    plan: PlanOfSetup = None,
+    setup: Annotated[
+        Path | None, typer.Option(help="Set-up file: devices, settings, delay and plan.")
+    ] = None,
+    projector: ProjectorWords = None,
+    camera: CameraWords = None,
+    host: Annotated[
+        str | None, typer.Option(help="Address to serve other machines on; all need the token.")
+    ] = None,
+    port: Annotated[int | None, typer.Option(help="Port; by default 8138, or a free one.")] = None,
+    queue: Annotated[int, typer.Option(help="Scans that may wait; others are refused.")] = 8,
+    keep: Annotated[
+        int, typer.Option(help="Results that are kept; older ones are deleted.")
+    ] = 1000,
+) -> None:
+    """Serve scans over HTTP: one at a time, with results that survive restarts."""
+    fw.run_service(
+        folder,
+        rig,
+        setup=setup,
+        projector=projector,
+        camera=camera,
+        plan=plan,
+        host=host,
+        port=port,
+        queue=queue,
+        keep=keep,
+    )

@@ -145,5 +145,10 @@ def run_plugin(
     return added
 
 
+def loaded_plugins() -> list[str]:
+    """Paths of the files that were loaded, for processes that are started later."""
+    return [str(sys.modules[name].__file__) for name in _LOADED]
+
+
 def _told(error: Exception) -> str:
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

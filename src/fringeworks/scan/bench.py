@@ -18,10 +18,11 @@ from fringeworks.files.atomic import StrPath
 from fringeworks.files.plan import read_plan
 from fringeworks.files.setup import StoredSetup, read_setup
 from fringeworks.patterns.plan import PatternPlan
-from fringeworks.scan.capture import capture
+from fringeworks.scan.capture import capture, capture_in_memory
 from fringeworks.scan.frames import Progress
 from fringeworks.scan.hdr import capture_hdr
 from fringeworks.scan.saturation import MOST_SATURATED
+from fringeworks.stack.frames import Stack
 from fringeworks.types import CameraSettings, Delay, InputError
 
 
@@ -203,4 +204,29 @@ def take(
         most_saturated=how.most_saturated,
         progress=progress,
         **common,
+    )
+
+
+def take_in_memory(
+    bench: Bench, how: Take | None = None, *, progress: Progress = lambda _: None
+) -> Stack:
+    """Take the frames of a bench's plan and keep them in memory; see ``take``.
+
+    Raises
+    ------
+    InputError for ``hdr``, whose exposures are captures of their own, and as ``take``.
+    """
+    how = how or Take()
+    if how.hdr > 1 or how.resume:
+        raise InputError("hdr and resume need a folder, which keeps the frames")
+    return capture_in_memory(
+        bench.projector,
+        bench.camera,
+        bench.plan,
+        settings=bench.settings,
+        exposure="auto" if how.auto_exposure else "given",
+        delay=bench.delay if how.fast else None,
+        average=how.average,
+        most_saturated=how.most_saturated,
+        progress=progress,
     )

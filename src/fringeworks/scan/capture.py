@@ -17,6 +17,7 @@ from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.exposure import auto_exposure
 from fringeworks.scan.frames import Progress, check_plan, take_frames
 from fringeworks.scan.saturation import MOST_SATURATED
+from fringeworks.stack.frames import Stack, step_of
 from fringeworks.types import CameraSettings, Delay
 
 AVERAGED_SATURATION = 0.98
@@ -127,6 +128,55 @@ def capture(
             for number, frame in frames:
                 writer.add(number, frame)
     return Path(folder)
+
+
+def capture_in_memory(
+    projector: Projector,
+    camera: Camera,
+    plan: PatternPlan,
+    *,
+    settings: CameraSettings | None = None,
+    exposure: Literal["given", "auto"] = "given",
+    delay: Delay | None = None,
+    average: int = 1,
+    most_saturated: float = MOST_SATURATED,
+    progress: Progress = lambda _: None,
+) -> Stack:
+    """Take the frames of a plan as ``capture`` does, and keep them in memory.
+
+    Returns
+    -------
+    Stack that ``measure`` takes: with the bits that reading the written capture would give.
+
+    Raises
+    ------
+    As ``capture``, but for those of folders.
+    """
+    check_plan(projector, plan)
+    used = camera.configure(settings or CameraSettings())
+    if exposure == "auto":
+        used = camera.configure(auto_exposure(projector, camera))
+    taken = take_frames(
+        projector,
+        camera,
+        plan,
+        delay=delay,
+        average=average,
+        most_saturated=most_saturated,
+        progress=progress,
+    )
+    frames = [frame for _, frame in taken]
+    shown = used.region
+    fits = shown is not None and frames[0].shape == (shown.height_px, shown.width_px)
+    return Stack(
+        frames,
+        plan,
+        saturation=_saturation(used, average),
+        camera=camera.name,
+        projector=projector.name,
+        count_step=step_of(frames[0].dtype),
+        region=shown if fits else None,
+    )
 
 
 def _saturation(settings: CameraSettings, average: int) -> float | None:

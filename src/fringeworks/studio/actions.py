@@ -26,11 +26,11 @@ from fringeworks.report.page.surfaces import surface_of
 from fringeworks.report.summary import summarise
 from fringeworks.scan.bench import Take, open_bench, take
 from fringeworks.scan.setup import SetupStopped, set_up
+from fringeworks.serving.worker import Link
 from fringeworks.showcase.dissertation import write_paper
 from fringeworks.studio.plots import DARK_FOLDER, draw
 from fringeworks.studio.tasks import Source, compute, judged, known, poses_of
 from fringeworks.studio.trash import Trash
-from fringeworks.studio.worker import Link
 from fringeworks.studio.workspace import Workspace
 from fringeworks.types import TriangleMesh
 

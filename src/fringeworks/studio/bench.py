@@ -10,6 +10,7 @@ from fringeworks.files.atomic import StrPath
 from fringeworks.files.setup import StoredSetup, read_setup
 from fringeworks.scan.aiming import Shown as Light
 from fringeworks.scan.bench import Take
+from fringeworks.serving.worker import Job, Task, Worker
 from fringeworks.studio import live, tasks
 from fringeworks.studio.actions import Action, Scan, SetUp, TakePose, perform
 from fringeworks.studio.log import CommandLog
@@ -18,7 +19,6 @@ from fringeworks.studio.part_actions import CheckRig
 from fringeworks.studio.series import Series
 from fringeworks.studio.session import Session
 from fringeworks.studio.trash import Trash
-from fringeworks.studio.worker import Job, Task, Worker
 from fringeworks.studio.workspace import Words, Workspace, checked_words, open_workspace
 from fringeworks.types import Finding, InputError
 

@@ -16,6 +16,7 @@ from fringeworks.pipeline.stacks import measure
 from fringeworks.report.kinds.pair import as_heights
 from fringeworks.report.viewer.pack import pack_surface
 from fringeworks.rig.pinhole import pose
+from fringeworks.serving.worker import Link
 from fringeworks.simulate.bodies import Body, Box, Cylinder, Plane, Shape, Sphere
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.objects import OBJECTS
@@ -31,7 +32,6 @@ from fringeworks.simulate.standard import (
 )
 from fringeworks.simulate.virtual_rig import View, look
 from fringeworks.stack.frames import Stack
-from fringeworks.studio.worker import Link
 from fringeworks.types import FloatMap, InputError
 
 SIZE_PX = 400

@@ -26,8 +26,8 @@ from fringeworks.scan.exposure import auto_exposure
 from fringeworks.scan.glance import Glance, glance
 from fringeworks.scan.live import live
 from fringeworks.scan.poses import REGIONS, SIDES, PoseJudgement
+from fringeworks.serving.worker import Link
 from fringeworks.studio.tasks import poses_of, thinning
-from fringeworks.studio.worker import Link
 from fringeworks.studio.workspace import Workspace
 from fringeworks.types import Axis, CameraSettings, FramesContradictPlan
 

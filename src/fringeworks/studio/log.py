@@ -10,6 +10,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from fringeworks.serving.worker import Job
 from fringeworks.studio.actions import (
     Action,
     Calibrate,
@@ -25,7 +26,6 @@ from fringeworks.studio.actions import (
 )
 from fringeworks.studio.part_actions import PART_ACTIONS, Deviate, WriteMesh
 from fringeworks.studio.tasks import Source
-from fringeworks.studio.worker import Job
 from fringeworks.studio.workspace import Workspace
 from fringeworks.types import InputError
 

@@ -19,9 +19,9 @@ from fringeworks.report.page.surfaces import surface_of
 from fringeworks.report.summary import summarise
 from fringeworks.report.viewer.pack import pack_surface
 from fringeworks.scan.bench import Take, open_bench, take
+from fringeworks.serving.worker import Link
 from fringeworks.studio.actions import Command, Scan, quoted
 from fringeworks.studio.tasks import Source, compute, thinning_of
-from fringeworks.studio.worker import Link
 from fringeworks.studio.workspace import Workspace
 from fringeworks.surface.clean import clean_cloud
 from fringeworks.surface.mesh import cloud_mesh

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from fringeworks.studio.worker import Job
+from fringeworks.serving.worker import Job
 from fringeworks.types import InputError
 
 ROUND_S = 0.05

@@ -19,18 +19,13 @@ from nicegui import app, ui
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.report.viewer.page import viewer_script, viewer_style
-from fringeworks.studio.guard import TOKEN, Guard
+from fringeworks.serving.guard import TOKEN, Guard
+from fringeworks.serving.listening import listening, named, own_names
 from fringeworks.studio.page import SCRIPT, STYLE, add_page
 from fringeworks.studio.state import Studio
 from fringeworks.studio.thumbnails import thumbnail
-from fringeworks.types import DeviceProblem, FileProblem, InputError
+from fringeworks.types import FileProblem, InputError
 
-LOOPBACK = ("127.0.0.1", "localhost")
-"""Names of this machine for itself."""
-EVERYWHERE = ("0.0.0.0", "::")
-"""Addresses that stand for all of this machine's."""
-USUAL_PORT = 80
-"""Port that addresses leave out."""
 PORT = 8137
 """Port that is tried first; a free one is taken where it is in use."""
 ICON = (
@@ -45,12 +40,12 @@ SHUTDOWN_S = 2
 
 def serve(folder: StrPath, *, host: str | None, port: int | None, show: bool) -> None:
     """Serve a studio until it is interrupted; see ``run_studio``."""
-    listening = _listening(host or "127.0.0.1", port)
-    used = listening.getsockname()[1]
+    place = listening(host or "127.0.0.1", port, usual=PORT, who="studio")
+    used = place.getsockname()[1]
     token = None if host is None else secrets.token_urlsafe(24)
     studio = Studio(folder)
-    address = f"http://{_named(host)}:{used}/" + (f"?{TOKEN}={token}" if token else "")
-    hosts = None if host else _own_names(used)
+    address = f"http://{named(host)}:{used}/" + (f"?{TOKEN}={token}" if token else "")
+    hosts = None if host else own_names(used)
     guarded = Guard(studio_app(studio, used), hosts=hosts, token=token)
     studio.devices.warm()
     studio.compute.warm()
@@ -58,10 +53,10 @@ def serve(folder: StrPath, *, host: str | None, port: int | None, show: bool) ->
     print("Press Ctrl-C to end it.", flush=True)
     if show:
         threading.Timer(1.0, webbrowser.open, (address,)).start()
-    _run(guarded, listening, studio)
+    _run(guarded, place, studio)
 
 
-def _run(guarded: Guard, listening: socket.socket, studio: Studio) -> None:
+def _run(guarded: Guard, place: socket.socket, studio: Studio) -> None:
     """Serve until a signal ends it."""
     config = uvicorn.Config(
         guarded, log_level="error", lifespan="on", timeout_graceful_shutdown=SHUTDOWN_S
@@ -69,22 +64,9 @@ def _run(guarded: Guard, listening: socket.socket, studio: Studio) -> None:
     # The server hands the signal on when it has ended: then there is still something to delete.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
-        uvicorn.Server(config).run(sockets=[listening])
+        uvicorn.Server(config).run(sockets=[place])
     finally:
         studio.close()
-
-
-def _own_names(port: int) -> frozenset[str]:
-    """Names of this machine with a port; browsers leave out the usual one."""
-    with_port = {f"{name}:{port}" for name in LOOPBACK}
-    return frozenset(with_port | (set(LOOPBACK) if port == USUAL_PORT else set()))
-
-
-def _named(host: str | None) -> str:
-    """The name in the address that is printed."""
-    if host in EVERYWHERE:
-        return socket.gethostname()
-    return "127.0.0.1" if host is None else f"[{host}]" if ":" in host else host
 
 
 def studio_app(studio: Studio, port: int = PORT) -> FastAPI:
@@ -182,23 +164,3 @@ def _file(path: Path, *, download: bool = False) -> FileResponse:
         raise HTTPException(404, "There is no such file.")
     name = path.name if download else None
     return FileResponse(path, filename=name, headers={"cache-control": "no-store"})
-
-
-def _listening(host: str, port: int | None) -> socket.socket:
-    """A socket at an address."""
-    for tried in (PORT, 0) if port is None else (port,):
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        found = socket.socket(family, socket.SOCK_STREAM)
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            found.bind((host, tried))
-        except OSError as error:
-            found.close()
-            if tried and port is None:
-                continue
-            raise DeviceProblem(
-                f"studio: expected a free address, got {host}:{tried}: {error.strerror}; choose "
-                "another --host or --port"
-            ) from error
-        return found
-    raise AssertionError

@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from fringeworks.studio.worker import Job
+from fringeworks.serving.worker import Job
 
 KEPT_JOBS = 8
 """Computations of a visitor whose state is kept."""

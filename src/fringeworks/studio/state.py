@@ -11,6 +11,7 @@ from typing import Any, Literal, get_args
 
 from fringeworks.evaluate.inspect import Verdict
 from fringeworks.files.atomic import StrPath
+from fringeworks.serving.worker import Job, Task, Worker
 from fringeworks.studio import learning, tasks
 from fringeworks.studio.actions import (
     Action,
@@ -28,7 +29,6 @@ from fringeworks.studio.recipes import RecipeKeeper, as_shown
 from fringeworks.studio.session import Session, Shown
 from fringeworks.studio.tour import PART, Tour, begin_tour
 from fringeworks.studio.trash import Entry
-from fringeworks.studio.worker import Job, Task, Worker
 from fringeworks.types import FileProblem, InputError
 
 StepState = Literal["to do", "running", "good", "look here"]

@@ -29,7 +29,7 @@ from fringeworks.pipeline.stacks import decode_stack, measure
 from fringeworks.report.page.surfaces import is_surface, packed, surface_of
 from fringeworks.report.summary import summarise
 from fringeworks.scan.live_calibration import PoseTaker
-from fringeworks.studio.worker import Link
+from fringeworks.serving.worker import Link
 from fringeworks.studio.workspace import Workspace
 from fringeworks.types import Decoded, HeightMap, InputError, Pair, PointCloud, Points
 

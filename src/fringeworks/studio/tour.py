@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from fringeworks.files.setup import read_setup
+from fringeworks.serving.worker import Job
 from fringeworks.studio.bench import BY_ITSELF, VIRTUAL
 from fringeworks.studio.session import Session
-from fringeworks.studio.worker import Job
 from fringeworks.types import InputError
 from fringeworks.types.numbers import sigma_text
 

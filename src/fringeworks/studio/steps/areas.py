@@ -9,8 +9,8 @@ from typing import Any
 
 from nicegui import ui
 
+from fringeworks.serving.worker import Job
 from fringeworks.studio.steps.parts import Step, described, disclosure, named, work
-from fringeworks.studio.worker import Job
 from fringeworks.types import Area, InputError, PartTolerance
 from fringeworks.types.numbers import limit, number, sigma_text
 from fringeworks.types.recipe import FROM_MODEL, QUANTITIES

@@ -6,6 +6,7 @@ from functools import partial
 
 from nicegui import ui
 
+from fringeworks.serving.worker import Job
 from fringeworks.studio.places import Place
 from fringeworks.studio.steps.live import live_picture
 from fringeworks.studio.steps.parts import (
@@ -18,7 +19,6 @@ from fringeworks.studio.steps.parts import (
     show_findings,
     work,
 )
-from fringeworks.studio.worker import Job
 
 
 def build(step: Step) -> None:

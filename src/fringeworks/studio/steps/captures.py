@@ -10,9 +10,9 @@ from urllib.parse import quote
 
 from nicegui import ui
 
+from fringeworks.serving.worker import Job
 from fringeworks.studio.notes import Note
 from fringeworks.studio.steps.parts import Step, empty, say, work
-from fringeworks.studio.worker import Job
 from fringeworks.types import InputError
 
 VERDICTS = {"": "Any verdict", "pass": "pass", "fail": "fail", "undecided": "undecided"}

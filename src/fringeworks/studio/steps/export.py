@@ -6,8 +6,8 @@ from functools import partial
 
 from nicegui import ui
 
+from fringeworks.serving.worker import Job
 from fringeworks.studio.steps.parts import Step, commands, empty, work
-from fringeworks.studio.worker import Job
 
 FORMATS = {
     "PLY, points": (".ply", "points"),

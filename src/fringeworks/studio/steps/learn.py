@@ -7,9 +7,9 @@ from typing import Any
 from nicegui import ui
 
 from fringeworks.pair.analyse import methods
+from fringeworks.serving.worker import Job
 from fringeworks.studio.learning import BODIES, PAIRS, SLIDERS
 from fringeworks.studio.steps.parts import Step, disclosure, work
-from fringeworks.studio.worker import Job
 from fringeworks.types.numbers import number, percent
 
 PAPER_PX = (200, 300, 500, 1000)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
+from fringeworks.serving.worker import Job
 from fringeworks.studio.bench import LIVE_PICTURE, LIVE_POINTS
 from fringeworks.studio.steps.parts import (
     UPDATE_S,
@@ -18,7 +19,6 @@ from fringeworks.studio.steps.parts import (
     number,
     work,
 )
-from fringeworks.studio.worker import Job
 
 ROUND_S = 0.1
 """Interval at which new points are polled, s."""

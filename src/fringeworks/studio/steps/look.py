@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from fringeworks.pair.analyse import methods
+from fringeworks.serving.worker import Job
 from fringeworks.studio.places import Place
 from fringeworks.studio.steps.areas import areas
 from fringeworks.studio.steps.parts import (
@@ -23,7 +24,6 @@ from fringeworks.studio.steps.parts import (
     work,
 )
 from fringeworks.studio.tasks import is_stack
-from fringeworks.studio.worker import Job
 from fringeworks.types import InputError
 
 DEVIATION = "deviation"

@@ -12,12 +12,12 @@ from nicegui import ui
 
 from fringeworks.devices.bench import SCENES
 from fringeworks.files.findings import finding_from_dict
+from fringeworks.serving.worker import Job
 from fringeworks.studio.bench import BY_ITSELF, VIRTUAL
 from fringeworks.studio.places import Place
 from fringeworks.studio.plots import DARK_FOLDER
 from fringeworks.studio.session import Session
 from fringeworks.studio.state import Studio
-from fringeworks.studio.worker import Job
 from fringeworks.types import InputError, numbers
 
 UPDATE_S = 0.25

@@ -8,6 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from fringeworks.scan.bench import Take
+from fringeworks.serving.worker import Job
 from fringeworks.studio.places import Place
 from fringeworks.studio.steps.live import live_points
 from fringeworks.studio.steps.parts import (
@@ -21,7 +22,6 @@ from fringeworks.studio.steps.parts import (
     place_link,
     work,
 )
-from fringeworks.studio.worker import Job
 
 LATEST = 8
 """Captures that are listed below a scan; the others are in the list of captures."""

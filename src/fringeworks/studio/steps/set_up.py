@@ -5,10 +5,10 @@ from __future__ import annotations
 from nicegui import ui
 
 from fringeworks.files.findings import findings_as_dicts
+from fringeworks.serving.worker import Job
 from fringeworks.studio.places import Place
 from fringeworks.studio.steps.live import live_picture
 from fringeworks.studio.steps.parts import Step, devices, place_link, plot, show_findings, work
-from fringeworks.studio.worker import Job
 
 
 def build(step: Step) -> None:

@@ -43,6 +43,8 @@ class Job:
     problem: str = ""
     """Why it failed: what was found, a line each, then one sentence."""
     started_s: float = field(default_factory=time.monotonic)
+    died: bool = False
+    """Whether it failed because its process ended."""
     stopping: bool = False
     """Whether it was asked to stop."""
     latest: dict[str, Any] = field(default_factory=dict)
@@ -50,6 +52,16 @@ class Job:
     _then: list[Callable[[], None]] = field(default_factory=list, repr=False)
     """Called once when the work has ended well."""
     _lock: Any = field(default_factory=threading.RLock, repr=False)
+    _ended: threading.Event = field(default_factory=threading.Event, repr=False)
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait until the work has ended in any way; whether it has."""
+        return self._ended.wait(timeout_s)
+
+    def end(self, state: State, problem: str = "") -> None:
+        """End the work without a result."""
+        self.problem, self.state = problem, state
+        self._ended.set()
 
     def when_done(self, action: Callable[[], None]) -> None:
         """Call something when the work has ended well, at once where it has already."""
@@ -66,6 +78,7 @@ class Job:
             with self._lock:
                 if not self._then:
                     self.state = "done"
+                    self._ended.set()
                     return
                 action = self._then.pop(0)
             action()
@@ -116,9 +129,15 @@ class Worker:
     """A process that does one piece of work after the other.
 
     It is started for the first work, and again after it has ended in any way.
+
+    Parameters
+    ----------
+    niceness : int
+        Of its process.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, niceness: int = NICENESS) -> None:
+        self._niceness = niceness
         self._context = multiprocessing.get_context("spawn")
         self._process: Any = None
         self._pipe: Connection | None = None
@@ -165,7 +184,9 @@ class Worker:
         """Start the process, where there is none; it loads the library meanwhile."""
         if self._process is None or not self._process.is_alive():
             self._pipe, far = self._context.Pipe()
-            self._process = self._context.Process(target=_serve, args=(far,), daemon=True)
+            self._process = self._context.Process(
+                target=_serve, args=(far, self._niceness), daemon=True
+            )
             self._process.start()
             far.close()
         assert self._pipe is not None
@@ -186,7 +207,7 @@ class Worker:
             if job is None or not job.open:
                 return
             running = job.state == "running"
-            job.state = "cancelled"
+            job.end("cancelled")
             self._waiting = deque(w for w in self._waiting if w[0] is not job)
             if running:
                 self._end()
@@ -228,18 +249,20 @@ class Worker:
                 elif kind == "done":
                     job.finish(value)
                 else:
-                    job.problem, job.state = value, "failed"
+                    job.end("failed", value)
         except (EOFError, OSError):
             if job.state == "running":
-                job.problem = f"{job.name}: expected a result, but the process ended; start again"
-                job.state = "failed"
+                job.died = True
+                job.end(
+                    "failed", f"{job.name}: expected a result, but the process ended; start again"
+                )
         self._go_on()
 
 
-def _serve(pipe: Connection) -> None:
+def _serve(pipe: Connection, niceness: int) -> None:
     """Do the work that comes, in the worker's process."""
     if hasattr(os, "nice"):
-        os.nice(NICENESS)
+        os.nice(niceness)
     link = Link(pipe)
     while True:
         try:

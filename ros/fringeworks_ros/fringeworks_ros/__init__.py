@@ -1,0 +1,1 @@
+"""A fringe projection scanner as a ROS 2 node."""

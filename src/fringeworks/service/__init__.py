@@ -1,0 +1,1 @@
+"""The headless scanner: scans over HTTP, one at a time, with results that survive restarts."""

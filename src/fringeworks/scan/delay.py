@@ -19,6 +19,7 @@ from fringeworks.devices.protocols import (
 from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.dating import moments_s
 from fringeworks.scan.differences import compared
+from fringeworks.scan.rhythm import USUAL_REFRESH_S, check_steady
 from fringeworks.scan.uniform import block_pictures
 from fringeworks.types import CameraNoise, CameraSettings, Delay, DeviceProblem, FloatMap
 
@@ -49,8 +50,6 @@ Noise alone exceeds it once in 10⁹ shares."""
 VISIBLE_SHARE = 0.05
 """Share of an exposure from which on a picture counts as visible. Less changes a fringe by less
 than 5 % of its modulation and is hidden in the noise of small contrasts."""
-USUAL_REFRESH_S = 1.0 / 60.0
-"""Refresh period where the projector does not tell its own, s."""
 MAX_RESIDUAL = 0.2
 """Largest residual of a frame that is a mixture of the counter's last pictures, relative to their
 contrast. A frame that shows another picture leaves 0.7."""
@@ -89,7 +88,8 @@ def measure_delay(
 
     Raises
     ------
-    DeviceProblem where the camera does not see the pictures.
+    DeviceProblem where the camera does not see the pictures, or sees another part of the
+    projector's light in every frame.
 
     Notes
     -----
@@ -101,6 +101,7 @@ def measure_delay(
     refresh_s = projector.refresh_s or USUAL_REFRESH_S
     side_px = max(4, max(projector.size_px) // BLOCK_SHARE)
     pictures = block_pictures(projector, COUNTERS, side_px=side_px, seed=seed)
+    check_steady(projector, camera)
     agreement = Agreement(projector, camera)
     single = [compared(agreement.take(picture, "a counter").pixels) for picture in pictures]
     if agreement.noise.waited_frames:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -17,7 +17,9 @@ from fringeworks.devices.protocols import (
     TriggeredCamera,
 )
 from fringeworks.scan.agreement import Agreement
+from fringeworks.scan.dating import moments_s
 from fringeworks.scan.differences import compared
+from fringeworks.scan.rhythm import USUAL_REFRESH_S, check_steady
 from fringeworks.scan.uniform import block_pictures
 from fringeworks.types import CameraNoise, CameraSettings, Delay, DeviceProblem, FloatMap
 
@@ -48,8 +50,6 @@ Noise alone exceeds it once in 10⁹ shares."""
 VISIBLE_SHARE = 0.05
 """Share of an exposure from which on a picture counts as visible. Less changes a fringe by less
 than 5 % of its modulation and is hidden in the noise of small contrasts."""
-USUAL_REFRESH_S = 1.0 / 60.0
-"""Refresh period where the projector does not tell its own, s."""
 MAX_RESIDUAL = 0.2
 """Largest residual of a frame that is a mixture of the counter's last pictures, relative to their
 contrast. A frame that shows another picture leaves 0.7."""
@@ -88,7 +88,8 @@ def measure_delay(
 
     Raises
     ------
-    DeviceProblem where the camera does not see the pictures.
+    DeviceProblem where the camera does not see the pictures, or sees another part of the
+    projector's light in every frame.
 
     Notes
     -----
@@ -100,6 +101,7 @@ def measure_delay(
     refresh_s = projector.refresh_s or USUAL_REFRESH_S
     side_px = max(4, max(projector.size_px) // BLOCK_SHARE)
     pictures = block_pictures(projector, COUNTERS, side_px=side_px, seed=seed)
+    check_steady(projector, camera)
     agreement = Agreement(projector, camera)
     single = [compared(agreement.take(picture, "a counter").pixels) for picture in pictures]
     if agreement.noise.waited_frames:
@@ -137,18 +139,15 @@ class _Film:
         self._triggered = triggered
         self.shown: deque[tuple[int, float]] = deque(maxlen=COUNTERS - 1)
         """Numbers and times of the last pictures."""
-        self._appears: list[float] = []
-        # A picture is not visible before it is shown.
-        self._absent: list[float] = [0.0]
-        self._alone: list[float] = []
-        self._left: list[float] = []
-        self._moments: list[float] = []
-        self._transits: list[float] = []
+        self._grabs: list[Grab] = []
+        self._read_frames: list[_Read] = []
+        self._triggers: list[tuple[int, float]] = []
+        """Frames that were triggered, and the times of their triggers."""
 
     @property
     def readings(self) -> int:
         """Number of frames that bound the delay."""
-        return len(self._left)
+        return sum(read.left_s is not None for read in self._read_frames)
 
     def watch(self, until_s: float, pause_s: float) -> None:
         """Read the frames that arrive until then."""
@@ -167,35 +166,56 @@ class _Film:
         self._next_s = self._clock.now_s() + pause_s
 
     def _read(self, grab: Grab) -> None:
-        self._moments.append(grab.host_s)
+        number = len(self._grabs)
+        self._grabs.append(grab)
         if self._triggered_s is not None:
-            self._transits.append(grab.host_s - self._triggered_s)
+            self._triggers.append((number, self._triggered_s))
             self._triggered_s = None
         visible = self._reader.visible(compared(grab.pixels), [n for n, _ in self.shown])
         if not grab.complete or visible is None:
             return
         oldest, newest = visible
-        times_s = [grab.host_s - shown_s for _, shown_s in self.shown]
-        self._appears.append(times_s[newest])
-        self._alone.append(times_s[oldest])
-        self._left += times_s[oldest + 1 : oldest + 2]
-        self._absent += times_s[newest + 1 : newest + 2]
+        shown_s = [time_s for _, time_s in self.shown]
+        after = [*shown_s[1:], None]
+        self._read_frames.append(
+            _Read(number, shown_s[newest], after[newest], shown_s[oldest], after[oldest])
+        )
 
     def delay(self, refresh_s: float) -> Delay:
         """The delays that the frames have shown."""
-        frames = len(self._moments)
-        if self.readings < MIN_READINGS or len(self._appears) < MIN_READ_SHARE * frames:
+        frames = len(self._grabs)
+        if self.readings < MIN_READINGS or len(self._read_frames) < MIN_READ_SHARE * frames:
             raise DeviceProblem(
                 f"{self._camera.name}: expected frames that show one of the last {COUNTERS - 1} "
                 f"pictures, got {self.readings} such frames of {frames}: the delay is longer than "
                 "half a second or changes, so frames cannot be taken in fast sequence"
             )
-        times = self._transits
+        moments = moments_s(self._grabs, triggered=self._triggered)
+        times = [float(moments[k]) - trigger_s for k, trigger_s in self._triggers]
         transit_s = (min(times), max(times)) if times else None
-        frame_s = float(np.quantile(np.diff(self._moments), USUAL_GAP))
-        lists = (self._appears, self._absent, self._alone, self._left)
+        frame_s = float(np.quantile(np.diff(moments), USUAL_GAP))
+        # A picture is not visible before it is shown.
+        lists: tuple[list[float], ...] = ([], [0.0], [], [])
+        for number, *shown in self._read_frames:
+            for times_s, shown_s in zip(lists, shown, strict=True):
+                times_s += [] if shown_s is None else [float(moments[number]) - shown_s]
         known = [np.array([s for s in times_s if np.isfinite(s)]) for times_s in lists]
         return Delay(known[0], known[1], known[2], known[3], refresh_s, frame_s, transit_s)
+
+
+class _Read(NamedTuple):
+    """What a frame has shown: the times at which pictures were shown, s; None for no picture."""
+
+    number: int
+    """Of the frame."""
+    appears_s: float
+    """Of the newest picture that is visible."""
+    absent_s: float | None
+    """Of the first that is not yet visible."""
+    alone_s: float
+    """Of the oldest that is visible."""
+    left_s: float | None
+    """Of the one that replaces the oldest."""
 
 
 class _Reader:

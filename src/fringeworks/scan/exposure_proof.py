@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from fringeworks.devices.pixel_formats import full_scale
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.scan.agreement import MAX_INCOMPLETE
-from fringeworks.scan.delay import USUAL_REFRESH_S
 from fringeworks.scan.differences import ROUNDING_VARIANCE, compared
+from fringeworks.scan.rhythm import USUAL_REFRESH_S
 from fringeworks.scan.uniform import black_picture, white_picture
 from fringeworks.types import BoolMap, CameraSettings, DeviceProblem, FloatMap, Frozen
 

@@ -17,6 +17,7 @@ from fringeworks.patterns.propose import Proposal
 from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.fast import FastTaker
 from fringeworks.scan.pulses import PulseTaker
+from fringeworks.scan.rhythm import check_steady
 from fringeworks.scan.saturation import MOST_SATURATED, SaturationGuard
 from fringeworks.scan.sequence import SequenceTaker
 from fringeworks.scan.taking import Picture, Taker
@@ -70,13 +71,16 @@ def take_frames(
 
     Raises
     ------
-    InputError for a plan that the projector cannot show; DeviceProblem where frames do not come, or
-    too many pixels are saturated.
+    InputError for a plan that the projector cannot show; DeviceProblem where frames do not come,
+    too many pixels are saturated, or an exposure of no whole refresh periods sees another part of
+    the projector's light in every frame.
     """
     check_plan(projector, plan)
     if not 1 <= average <= MOST_AVERAGED:
         raise InputError(f"average: expected 1 to {MOST_AVERAGED} frames, got {average}")
     taker = taker_of(projector, camera, delay)
+    if not isinstance(projector, MemoryProjector):
+        check_steady(projector, camera)
     guard = SaturationGuard(camera, most_saturated)
     for number, grabs in taker.frames(pictures_of(projector, plan, only), average, guard):
         note = taker.notes.get(number, "") if isinstance(taker, PulseTaker) else ""

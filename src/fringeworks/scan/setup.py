@@ -14,11 +14,12 @@ from fringeworks.patterns.gray_code import finest_cell
 from fringeworks.patterns.propose import Proposal, propose
 from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.checks.exposure import Exposing, check_exposure
-from fringeworks.scan.checks.flicker import Flicker, check_flicker
+from fringeworks.scan.checks.flicker import MIN_FLICKER, Flicker, check_flicker
 from fringeworks.scan.checks.frames import check_frames
 from fringeworks.scan.checks.levels import Levels, check_levels
 from fringeworks.scan.checks.orientation import Orientation, check_orientation
 from fringeworks.scan.checks.pixel_grid import PixelGrid, check_pixel_grid
+from fringeworks.scan.checks.rhythm import Rhythm, check_rhythm
 from fringeworks.scan.checks.stripes import Stripes, check_stripes
 from fringeworks.scan.checks.video_mode import check_video_mode
 from fringeworks.scan.checks.vignetting import Vignetting, check_vignetting
@@ -79,6 +80,8 @@ class SetupTests(Frozen):
     mode: VideoMode | None = None
     """How the projector shows pictures; None where it does not tell."""
     exposing: Exposing | None = None
+    rhythm: Rhythm | None = None
+    """None also where the light of the room flickers."""
     flicker: Flicker | None = None
     noise: CameraNoise | None = None
     """Noise of the camera at the settings of ``exposing``."""
@@ -90,7 +93,7 @@ class SetupTests(Frozen):
     pixel_grid: PixelGrid | None = None
     """None also where too little of the frame is lit."""
     delay: Delay | None = None
-    """None also where it could not be measured."""
+    """None also where it could not be measured, and where the light is not steady."""
     findings: tuple[Finding, ...] = ()
     """What makes measurements worse, the most important first; empty where all is well."""
 
@@ -208,7 +211,8 @@ def set_up(
     try:
         tests.run(settings or CameraSettings(), progress)
     except DeviceProblem as error:
-        raise explained(SetupStopped(str(error), tests.done), error.findings) from error
+        message = _with_rhythm(str(error), tests.done)
+        raise explained(SetupStopped(message, tests.done), error.findings) from error
     done = tests.done
     try:
         proposal = _proposed(done, frames, axes)
@@ -218,6 +222,12 @@ def set_up(
         **{f.name: getattr(done, f.name) for f in fields(done)},
         proposal=proposal,
     )
+
+
+def _with_rhythm(message: str, done: SetupTests) -> str:
+    """The message of a test that cannot be done, with light that is not steady named first."""
+    found = [] if done.rhythm is None else [f for f in done.rhythm.findings if f.rank]
+    return f"flicker: {found[0].seen}; {found[0].advice}; besides, {message}" if found else message
 
 
 class _Tests:
@@ -249,7 +259,7 @@ class _Tests:
             )
         progress("flicker")
         flicker = check_flicker(projector, camera)
-        self._add(flicker.findings, flicker=flicker)
+        exposing = self._follow_light(exposing, flicker, progress)
         progress("grey levels")
         levels = check_levels(projector, camera, agreement, exposing.settings)
         found = (*levels.findings, *check_frames(agreement.noise))
@@ -268,8 +278,27 @@ class _Tests:
         progress("pixel grid")
         grid = check_pixel_grid(levels, seen)
         self._add(() if grid is None else grid.findings, pixel_grid=grid)
+        if self.done.rhythm is not None and any(f.rank for f in self.done.rhythm.findings):
+            return  # fast scans at this exposure are refused
         progress("delay")
         self._measure_delay()
+
+    def _follow_light(
+        self, exposing: Exposing, flicker: Flicker, progress: Callable[[str], None]
+    ) -> Exposing:
+        """Measure the light in time, and return the exposure with a safe one where it needs one."""
+        if flicker.in_black > MIN_FLICKER and flicker.findings:
+            # The light of the room hides changes of the projector's.
+            self._add(flicker.findings, flicker=flicker)
+            return exposing
+        progress("light in time")
+        rhythm = check_rhythm(self._projector, self._camera, free=exposing.chosen)
+        if rhythm.settings is not None:
+            exposing = replace(exposing, settings=rhythm.settings)
+        # Changes under white are those of the rhythm.
+        found = rhythm.findings or flicker.findings
+        self._add(found, flicker=flicker, rhythm=rhythm, exposing=exposing)
+        return exposing
 
     def _measure_delay(self) -> None:
         try:

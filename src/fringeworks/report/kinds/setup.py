@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,9 +38,8 @@ def figures(tests: SetupTests) -> dict[str, Any]:
         "noise": None
         if tests.noise is None
         else {"read_counts": tests.noise.read_counts, "gain": tests.noise.gain},
-        "flicker": None
-        if tests.flicker is None
-        else {"in_black": tests.flicker.in_black, "in_white": tests.flicker.in_white},
+        "light_in_time": _rhythm(tests),
+        "flicker": _flicker(tests),
         "response": _response(tests),
         "mirrored": None if tests.orientation is None else tests.orientation.mirrored,
         "stripes": {
@@ -66,6 +66,26 @@ def figures(tests: SetupTests) -> dict[str, Any]:
         }
         found["finest_cell_px"] = tests.finest_cell_px
     return found
+
+
+def _flicker(tests: SetupTests) -> dict[str, Any] | None:
+    if tests.flicker is None:
+        return None
+    return {"in_black": tests.flicker.in_black, "in_white": tests.flicker.in_white}
+
+
+def _rhythm(tests: SetupTests) -> dict[str, Any] | None:
+    """How the light changes from frame to frame, at each exposure that was tried."""
+    rhythm = tests.rhythm
+    if rhythm is None:
+        return None
+    tried = rhythm.tried or (rhythm.ripple,)
+    return {
+        "exposure_ms": [one.exposure_ms for one in tried],
+        "depth_share": [one.depth if isfinite(one.depth) else None for one in tried],
+        "grey": [one.grey for one in tried],
+        "period_ms": rhythm.period_ms,
+    }
 
 
 def _exposure_figures(tests: SetupTests) -> dict[str, Any] | None:

@@ -17,6 +17,8 @@ from fringeworks.evaluate.tolerances.datums import System
 from fringeworks.evaluate.tolerances.measure import prepared
 from fringeworks.evaluate.tolerances.minimax import _by_library, smallest_largest
 from fringeworks.evaluate.tolerances.smooth import smooth
+from fringeworks.rig.point_errors import point_errors
+from fringeworks.simulate.standard import standard_rig
 from tests.oracles import tolerances as oracle
 from tests.tolerance_bodies import BODIES, NOISE_MM, Case, case, plane, zone
 
@@ -119,6 +121,31 @@ def test_sigma_covers_noise(quantity):
         over.append(abs(measured.value - true_value(one)) / measured.sigma)
     assert np.mean(np.array(over) < 1.0) > 0.5
     assert np.mean(np.array(over) < 2.0) > 0.85
+
+
+@pytest.mark.parametrize("quantity", ["iso_flatness", "iso_perpendicularity", "iso_position"])
+def test_sigma_covers_the_calibration(quantity):
+    """Ten rigs of one covariance, almost without noise: the feature and its datums move together."""
+    rng = np.random.default_rng([3, 5])
+    one = case(quantity, rng)
+    rig = standard_rig(scale=0.3)
+    sigma = np.array(
+        [0.15, 0.15, 0.1, 0.1, 2e-4, 2e-3, 2e-5, 2e-5, 0.0] * 2 + [1e-4] * 3 + [0.05, 0.05, 0.1]
+    )
+    rig = replace(rig, covariance=np.diag((10.0 * sigma) ** 2))
+    recipe, true = one.recipe(), true_value(one)
+    over = []
+    for _ in range(10):
+        cloud = one.cloud(rng, 1e-4)
+        xyz = cloud.xyz_mm.astype(float)
+        errors = point_errors(rig, xyz.reshape(-1, 3), cloud)
+        moved = xyz + (errors @ rng.normal(size=errors.shape[2])).reshape(xyz.shape)
+        cloud = replace(cloud, xyz_mm=moved.astype(np.float32))
+        areas = {name: area_points(cloud, area, rig) for name, area in recipe.areas.items()}
+        measured = measure_tolerance(one.tolerance, recipe, areas.get, areas.get)
+        over.append((measured.value - true) / measured.sigma)
+    # Ten values know their scatter to 22 %.
+    assert 0.4 < np.sqrt(np.mean(np.square(over))) < 1.7
 
 
 def test_smooth_surfaces_keep_form_and_lose_noise():

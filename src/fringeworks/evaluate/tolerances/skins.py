@@ -208,7 +208,7 @@ def median_skin(one: AreaPoints, other: AreaPoints) -> Skin:
     seen &= hull.find_simplex(chart.places(opposite)) >= 0
     if np.count_nonzero(seen) < LEAST_LINE_POINTS:
         raise InputError("median: expected two areas that face each other, got ones side by side")
-    shares = [0.5 * side.normal[:, :] @ n for side in (first, second)]
+    shares = [0.5 * side.normal @ n for side in (first, second)]
     sides = list(zip((first, second), shares, strict=True))
     root = np.column_stack([share[:, None] * side.independent() for side, share in sides])
     parts = sum(share[:, None] * side.parts for side, share in sides)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fringeworks.evaluate.quantities import EXTRAPOLATED, Quantified
+from fringeworks.evaluate.quantities import Quantified
 from fringeworks.evaluate.tolerances.skins import Skin
 from fringeworks.types import FloatMap
 
@@ -24,7 +24,7 @@ Value = Callable[[Sequence[FloatMap]], float]
 """A value of some surfaces whose distances from their bodies change by (m,), mm."""
 
 
-def quantified(value: Value, skins: Sequence[Skin], *, ranged: bool = True) -> Quantified:
+def quantified(value: Value, skins: Sequence[Skin]) -> Quantified:
     """Return a value of surfaces without what noise adds to it, and its standard deviation.
 
     Parameters
@@ -32,8 +32,6 @@ def quantified(value: Value, skins: Sequence[Skin], *, ranged: bool = True) -> Q
     value : function
         Of the changes of the distances of each surface.
     skins : sequence of Skin
-    ranged : bool
-        Whether the value is a range, which noise makes larger.
 
     Notes
     -----
@@ -41,8 +39,11 @@ def quantified(value: Value, skins: Sequence[Skin], *, ranged: bool = True) -> Q
     noise, 1 where noise moves the ends of a form. The noise that the smooth surface still has is
     drawn from its covariance and added again, with the same and with three times its variance; the
     two means tell a and p, and a vᵖ is taken off (simulation extrapolation: Cook & Stefanski, JASA
-    89, 1994). The scatter of the draws is the standard deviation by noise. Each independent part of
-    the calibration's errors moves all surfaces at once by one standard deviation to either side.
+    89, 1994). The variance by noise is 2 s₀² − s₁², with the variances s₁² of the draws and s₀²
+    of weak ones over their level: extrapolation counts the points that limit the zone now double,
+    and takes off what the draws make of others (Stefanski & Cook, JASA 90, 1995). It is raised by
+    the form that the choice of the spline cannot see. Each independent part of the calibration's
+    errors moves all surfaces at once by one standard deviation to either side.
     """
     seen = value([np.zeros(len(skin.foot)) for skin in skins])
     random = np.random.default_rng(0)
@@ -57,20 +58,21 @@ def quantified(value: Value, skins: Sequence[Skin], *, ranged: bool = True) -> Q
     scatter = float(np.sqrt(max(2.0 * small / LEVELS[0] - one, one) * (1.0 + unseen)))
     common = common_sigma(value, skins)
     seen_sigma = float(np.hypot(scatter, common))
-    if not ranged:
-        return Quantified(seen, seen_sigma, "mm")
-    share = min(_share(drawn.mean(axis=(0, 1))[1:] - seen), seen)
-    sigma = float(np.hypot(seen_sigma, EXTRAPOLATED * share))
+    share, uncertain = _share(drawn.mean(axis=(0, 1))[1:] - seen)
+    share = min(share, seen)
+    sigma = float(np.hypot(seen_sigma, uncertain))
     return Quantified(seen - share, sigma, "mm", share, seen_sigma)
 
 
-def _share(grown: FloatMap) -> float:
+def _share(grown: FloatMap) -> tuple[float, float]:
     """What noise has added, from how much a value grows with noise of one and of three times its
-    variance more."""
+    variance more; and its standard deviation, that of a power anywhere between the two limits."""
     if not grown[0] > 0:
-        return 0.0
-    growth = float(np.clip(grown[1] / grown[0] - 1.0, 2.0 ** POWERS[0], 2.0 ** POWERS[1]))
-    return float(grown[0]) / (growth - 1.0)
+        return 0.0, 0.0
+    most, least = (1.0 / (2.0**power - 1.0) for power in POWERS)
+    growth = max(float(grown[1] / grown[0]) - 2.0, 1.0 / most)
+    factor = min(max(1.0 / growth, least), most)
+    return float(grown[0]) * factor, float(grown[0]) * (most - least) / 12.0**0.5
 
 
 def common_sigma(value: Value, skins: Sequence[Skin]) -> float:

@@ -123,7 +123,10 @@ def test_sigma_covers_noise(quantity):
     assert np.mean(np.array(over) < 2.0) > 0.85
 
 
-@pytest.mark.parametrize("quantity", ["iso_flatness", "iso_perpendicularity", "iso_position"])
+@pytest.mark.parametrize(
+    "quantity",
+    ["iso_flatness", "iso_perpendicularity", pytest.param("iso_position", marks=pytest.mark.long)],
+)
 def test_sigma_covers_the_calibration(quantity):
     """Ten rigs of one covariance, almost without noise: the feature and its datums move together."""
     rng = np.random.default_rng([3, 5])
@@ -246,6 +249,7 @@ def test_recipes_keep_datums_and_zones(tmp_path):
         (lambda: zone("iso_flatness", datums=("A",)), "expected no datums"),
         (lambda: zone("iso_angularity", datums=("A",)), "an angle"),
         (lambda: zone("iso_flatness", angle_deg=30.0), "an angle"),
+        (lambda: zone("iso_parallelism", datums=("A", "B")), "expected one datum"),
         (lambda: zone("iso_roundness"), "a cylinder for iso_roundness"),
         (lambda: zone("flatness", body="sphere"), "no datums or zone"),
         (lambda: zone("iso_flatness", body="cone"), "one of plane"),

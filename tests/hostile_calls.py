@@ -265,6 +265,8 @@ def calls() -> list[Call]:
         call("CameraSettings", exposure_ms=10.0, gain_db=1.0, region=fw.devices.Region(0, 0, 8, 8)),
         call("GrayCode", axis="x", step_px=16.0, length_px=96, inverse=True, offset_px=-1.0, levels=2),
         call("Pair", reference=frame, object=frame, black=1.0, white=frame + 300, mask=frame > 0, axis="x", geometry=p["geometry"]),
+        call("Datum", areas=("a", "b"), body="median", association="least-squares"),
+        call("ToleranceZone", body="sphere", datums=("A", "B"), association="minimum-zone", at_mm=(1.0, 2.0, 3.0), direction=(0.0, 0.0, 1.0), angle_deg=30.0, located=False),
         call("PartTolerance", name="n", quantity="flatness", areas=("a",), low=0.0, high=1.0),
         call("PatternPlan", width_px=96, height_px=24, blocks=PLAN.blocks, bits=8, gamma=1.0, dither=False),
         call("PhaseSteps", axis="x", period_px=12.0, shifts_rad=fw.patterns.equal_steps(3)),

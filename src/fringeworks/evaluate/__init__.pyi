@@ -34,7 +34,9 @@ from .vibrations import (
 )
 from ..types import (
     Area as Area,
+    Datum as Datum,
     PartTolerance as PartTolerance,
+    ToleranceZone as ToleranceZone,
     PartModel as PartModel,
     Alignment as Alignment,
     BestFit as BestFit,

@@ -16,8 +16,14 @@ import numpy as np
 
 from fringeworks.evaluate.area_points import AreaPoints, area_points
 from fringeworks.evaluate.deviation import Deviation, deviation
-from fringeworks.evaluate.quantities import MEASURED, Quantified, area_deviation
+from fringeworks.evaluate.quantities import (
+    MEASURED,
+    Quantified,
+    area_deviation,
+    deviation_max,
+)
 from fringeworks.evaluate.spots import find_spots
+from fringeworks.evaluate.tolerances.measure import measure_tolerance
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.provenance import source_of
 from fringeworks.files.recipe import read_recipe
@@ -50,7 +56,7 @@ from fringeworks.types import (
     sealed,
 )
 from fringeworks.types.numbers import estimate, limit, number
-from fringeworks.types.recipe import FROM_MODEL, USUAL_RISK
+from fringeworks.types.recipe import CHARACTERISTICS, FROM_MODEL, USUAL_RISK
 
 Verdict = Literal["pass", "fail", "undecided"]
 SPOT_PLACE_MM = 0.1
@@ -174,7 +180,13 @@ def judge_part(surface: HeightMap | PointCloud, recipe: Recipe) -> tuple[Check, 
     of_area, of_model, against = _kept(points), _kept(distances), _kept(from_model)
 
     def checked(one: PartTolerance) -> Check:
-        return _checked(one, of_model if one.quantity in FROM_MODEL else of_area, recipe.risk)
+        def measure() -> Quantified:
+            if one.quantity in CHARACTERISTICS:
+                return measure_tolerance(one, recipe, of_area, of_model)
+            named = of_model if one.quantity in FROM_MODEL else of_area
+            return MEASURED[one.quantity](*(named(name) for name in one.areas))
+
+        return _checked(one, measure, recipe.risk)
 
     # Side by side: arrays are summed without the interpreter's lock.
     with ThreadPoolExecutor(min(QUANTITIES_AT_ONCE, os.cpu_count() or 1)) as pool:
@@ -220,9 +232,9 @@ def decide(found: Quantified, tolerance: PartTolerance, risk: float) -> Verdict:
     return "undecided"
 
 
-def _checked(tolerance: PartTolerance, points: Callable[[str], AreaPoints], risk: float) -> Check:
+def _checked(tolerance: PartTolerance, measure: Callable[[], Quantified], risk: float) -> Check:
     try:
-        found = MEASURED[tolerance.quantity](*(points(name) for name in tolerance.areas))
+        found = measure()
     except InputError as problem:
         return Check(tolerance, np.nan, np.nan, "", "undecided", str(problem))
     verdict = decide(found, tolerance, risk)
@@ -323,7 +335,8 @@ def judge_deviation(
             kind = "dent" if spot.depth_mm < 0 else "bump"
             why = f"a {kind} of {number(size, spot.sigma_mm, 'mm')} at ({where}) mm of the model"
             return Check(one, size, spot.sigma_mm, "mm", "fail", why)
-    return _checked(one, lambda _: area_deviation(found, Area(mask=sealed(ok)), rig), risk)
+    area = Area(mask=sealed(ok))
+    return _checked(one, lambda: deviation_max(area_deviation(found, area, rig)), risk)
 
 
 def recipe_hash(recipe: Recipe) -> str:

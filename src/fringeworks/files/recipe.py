@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -22,6 +23,7 @@ from fringeworks.types import (
     Area,
     BestFit,
     BoolMap,
+    Datum,
     DatumPlanes,
     DatumPoints,
     FileProblem,
@@ -31,11 +33,12 @@ from fringeworks.types import (
     PartTolerance,
     Recipe,
     Rig,
+    ToleranceZone,
     TriangleMesh,
     Where,
     fingerprint,
 )
-from fringeworks.types.recipe import USUAL_RISK, Quantity
+from fringeworks.types.recipe import USUAL_RISK, Association, FeatureBody, Quantity
 
 MOST_CORNERS = 10_000
 """Largest number of corners of a polygon."""
@@ -55,7 +58,7 @@ class _Area(Section):
 
 
 class _Tolerance(Section):
-    """``[[tolerances]]``."""
+    """``[[tolerances]]``; keys from ``body`` on belong to characteristics of ISO 1101."""
 
     name: str = Field(min_length=1, max_length=80)
     quantity: Quantity
@@ -64,6 +67,32 @@ class _Tolerance(Section):
     max: float | None = None
     nominal: float | None = None
     """Value of the drawing, for reports."""
+    body: FeatureBody = "plane"
+    datums: list[str] = Field(default_factory=list, max_length=3)
+    association: Association = "minimum-zone"
+    at_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    direction: tuple[float, float, float] | None = None
+    angle_deg: float | None = None
+    located: bool = False
+
+    def zone(self) -> ToleranceZone:
+        return ToleranceZone(
+            self.body,
+            tuple(self.datums),
+            self.association,
+            self.at_mm,
+            self.direction,
+            self.angle_deg,
+            self.located,
+        )
+
+
+class _Datum(Section):
+    """``[datums.NAME]``: a datum of the drawing."""
+
+    areas: list[str] = Field(min_length=1, max_length=MOST_AREAS)
+    body: Literal["plane", "cylinder", "sphere", "median"] = "plane"
+    association: Association = "outside"
 
 
 PointPairs = list[tuple[float, float, float, float, float, float]]
@@ -144,6 +173,7 @@ class RecipeFile(Section):
     model: AnyModel | None = None
     options: dict[str, Any] = Field(default_factory=dict)
     areas: dict[str, _Area] = Field(default_factory=dict, max_length=MOST_AREAS)
+    datums: dict[str, _Datum] = Field(default_factory=dict, max_length=MOST_AREAS)
     tolerances: list[_Tolerance] = Field(default_factory=list, max_length=MOST_AREAS)
 
 
@@ -177,10 +207,20 @@ def read_recipe(path: StrPath) -> Recipe:
             within=content.within,
             tolerances=tuple(
                 PartTolerance(
-                    one.name, one.quantity, tuple(one.areas), one.min, one.max, one.nominal
+                    one.name,
+                    one.quantity,
+                    tuple(one.areas),
+                    one.min,
+                    one.max,
+                    one.nominal,
+                    one.zone(),
                 )
                 for one in content.tolerances
             ),
+            datums={
+                name: Datum(tuple(one.areas), one.body, one.association)
+                for name, one in content.datums.items()
+            },
             risk=content.risk,
         )
     except FileProblem:
@@ -221,6 +261,8 @@ def write_recipe(path: StrPath, recipe: Recipe) -> Path:
         name: _area_table(path, number, area)
         for number, (name, area) in enumerate(recipe.areas.items(), 1)
     }
+    if recipe.datums:
+        content["datums"] = {name: _datum_table(one) for name, one in recipe.datums.items()}
     content["tolerances"] = [_tolerance_table(one) for one in recipe.tolerances]
     write_text(path, HEADER + tomli_w.dumps(content))
     kept = [area["mask"] for area in content["areas"].values() if "mask" in area]
@@ -349,7 +391,17 @@ def _tolerance_table(one: PartTolerance) -> dict[str, Any]:
         "areas": list(one.areas),
     }
     limits = {"min": one.low, "max": one.high, "nominal": one.nominal}
-    return table | {key: value for key, value in limits.items() if value is not None}
+    table |= {key: value for key, value in limits.items() if value is not None}
+    zone, usual = one.zone, ToleranceZone()
+    for field in fields(ToleranceZone):
+        value = getattr(zone, field.name)
+        if value != getattr(usual, field.name):
+            table[field.name] = list(value) if isinstance(value, tuple) else value
+    return table
+
+
+def _datum_table(one: Datum) -> dict[str, Any]:
+    return {"areas": list(one.areas), "body": one.body, "association": one.association}
 
 
 def _beside(recipe: Path, name: str) -> Path:

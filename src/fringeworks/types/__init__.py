@@ -73,7 +73,7 @@ from fringeworks.types.placement import CAMERA_FRAME, Placement
 from fringeworks.types.points import Points, TriangleMesh
 from fringeworks.types.profile import Line, Profile
 from fringeworks.types.provenance import Provenance, Source, day, made_by, provenance_from, today
-from fringeworks.types.recipe import PartModel, PartTolerance, Recipe
+from fringeworks.types.recipe import Datum, PartModel, PartTolerance, Recipe, ToleranceZone
 from fringeworks.types.rig import RIG_PARAMETERS, Pinhole, Rig
 from fringeworks.types.robot import (
     Mount,
@@ -104,6 +104,7 @@ __all__ = [
     "CameraNoise",
     "CameraSettings",
     "CoordinateMap",
+    "Datum",
     "DatumPlanes",
     "DatumPoints",
     "Decoded",
@@ -146,6 +147,7 @@ __all__ = [
     "Sectioned",
     "Severity",
     "Source",
+    "ToleranceZone",
     "TriangleMesh",
     "UnknownMethod",
     "Where",

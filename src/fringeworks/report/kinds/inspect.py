@@ -22,7 +22,7 @@ from fringeworks.report.page.surfaces import surface_block
 from fringeworks.report.sheets import titled
 from fringeworks.report.summary import summarise, told
 from fringeworks.report.verdicts import COVERAGE
-from fringeworks.types import HeightMap
+from fringeworks.types import HeightMap, PartTolerance
 from fringeworks.types.numbers import UNKNOWN, limit, number, percent, sigma_text
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ def figures(inspection: Inspection) -> dict[str, Any]:
             "name": check.tolerance.name,
             "quantity": check.tolerance.quantity,
             "areas": list(check.tolerance.areas),
+            "datums": list(check.tolerance.zone.datums),
             "value": check.value if np.isfinite(check.value) else None,
             "sigma": check.sigma if np.isfinite(check.sigma) else None,
             "unit": check.unit,
@@ -140,12 +141,22 @@ def _tolerances(result: Inspection) -> tuple[Block, ...]:
 
 def _report_row(check: Check) -> tuple[str, ...]:
     one = check.tolerance
-    what = f"{one.quantity.replace('_', ' ')}: {', '.join(one.areas)}"
+    what = f"{_said(one)}: {', '.join(one.areas)}{_under(one)}"
     nominal, low, high = (limit(v) for v in (one.target, one.low, one.high))
     value = number(check.value, check.sigma, check.unit)
     wide = number(COVERAGE * check.sigma, check.sigma, check.unit)
     verdict = f"{check.verdict}: {check.why}" if check.why else check.verdict
     return one.name, what, nominal, low, high, value, wide, verdict
+
+
+def _said(one: PartTolerance) -> str:
+    """The quantity in words."""
+    return one.quantity.replace("_", " ").replace("iso ", "ISO 1101 ")
+
+
+def _under(one: PartTolerance) -> str:
+    """The datums of a tolerance, in their order."""
+    return f" to {' | '.join(one.zone.datums)}" if one.zone.datums else ""
 
 
 def _decision(risk: float) -> str:
@@ -164,10 +175,9 @@ def _areas(result: Inspection) -> tuple[Block, ...]:
     pictures = []
     for check in result.checks[:MOST_PICTURES]:
         one = check.tolerance
-        what = one.quantity.replace("_", " ")
         caption = (
-            f"{one.name}: {what} of {' and '.join(one.areas)}. Green: allowed; orange: too close "
-            "to a limit to decide; the bar is U."
+            f"{one.name}: {_said(one)} of {' and '.join(one.areas)}{_under(one)}. Green: allowed; "
+            "orange: too close to a limit to decide; the bar is U."
         )
         pictures.append(Picture(area_picture(result, check, part), caption))
     return tuple(pictures)

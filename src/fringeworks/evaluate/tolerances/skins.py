@@ -1,0 +1,468 @@
+"""The measured surface of a feature: freed of the noise of pixels, with its errors as parts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fringeworks.evaluate.area_points import PATCHES, AreaPoints
+from fringeworks.evaluate.quantities import PARALLEL_SINE, AreaDeviation
+from fringeworks.evaluate.tolerances.association import associate
+from fringeworks.evaluate.tolerances.bodies import Body, Kind, everything, twists
+from fringeworks.evaluate.tolerances.smooth import Smooth, smooth
+from fringeworks.rig.point_errors import root_of
+from fringeworks.statistics.quantiles import robust_sigma
+from fringeworks.surface.form import DISCARDED, FAR_SIGMAS, fit_form
+from fringeworks.types import FloatMap, InputError
+
+BLOCKS = 128
+"""Blocks along each side of an area, whose points are averaged before the fit: four to the finest
+interval of a spline."""
+MOST_POINTS = 20_000
+"""Number of points from which they are averaged in blocks: fewer cost little."""
+BINS = 20
+"""Bins along each side of an area. Of each, the highest and lowest point count: of a smooth surface
+no other can limit a zone."""
+MEDIAN_POINTS = 2_000
+"""Points of a median surface: 45 along each side."""
+LINES = 21
+"""Largest number of lines of a feature that is judged by lines."""
+LINE_POINTS = 50
+"""Points of such a line: five for the finest lobe that a spline of 16 intervals holds."""
+LEAST_LINE_POINTS = 10
+"""Points that a line needs to count."""
+NEAR = 1.5
+"""Distance from the next pixel, in mean distances of pixels, up to which a place is measured."""
+OPPOSITE = 0.75
+"""Distance from the next pixel, in distances of pixels, up to which a point has an opposite one:
+half the diagonal of a pixel."""
+FLAT = 1e-6
+"""Width of an area over its length below which its points lie on a line, to rounding."""
+DEGREE = 3
+"""Degree of the polynomial through errors of the calibration, which are known in cells: a change
+over a third of the area."""
+
+
+@dataclass(frozen=True)
+class Skin:
+    """Points of a feature on its body of least squares, and their distances from it."""
+
+    body: Body
+    foot: FloatMap
+    """Points on the body, (m, 3), mm."""
+    normal: FloatMap
+    """Outwards at each, (m, 3); of planes towards the camera."""
+    distance: FloatMap
+    """Distance of the surface from the body at each, (m,), mm."""
+    root: FloatMap
+    """Independent parts of the noise of the distances, (m, p), mm; (m,) where they share none."""
+    parts: FloatMap
+    """Parts of the errors that all areas have in common, of the calibration and the blur, (m, k),
+    mm."""
+    own: FloatMap
+    """Parts of the errors of this area alone, (m, j), mm."""
+    weight: FloatMap
+    """Number of pixels that a point stands for in a fit of least squares, (m,)."""
+    line: FloatMap
+    """Number of each point's line, (m,); all 0 without lines."""
+    unseen: float = 0.0
+    """Variance of form that may be missing, over that of the noise."""
+    across: FloatMap | None = None
+    """Normal of the planes that the lines lie in, (3,); None without lines."""
+
+    @property
+    def lined(self) -> bool:
+        """Whether the feature is judged by lines."""
+        return self.across is not None
+
+    @cached_property
+    def lines(self) -> list[NDArray[np.intp]]:
+        """Indices of the points of each line."""
+        return [np.flatnonzero(self.line == k) for k in np.unique(self.line)]
+
+    @cached_property
+    def bases(self) -> list[FloatMap]:
+        """What motions and the size of the body do to each line, as orthonormal columns."""
+        found = []
+        for at in self.lines:
+            pivot = self.foot[at].mean(axis=0)
+            scale = float(np.ptp(self.foot[at], axis=0).max()) or 1.0
+            slopes = twists(self.foot[at], self.normal[at], pivot, scale)
+            slopes = np.column_stack((slopes, np.ones(len(at))))
+            u, size, _ = np.linalg.svd(slopes, full_matrices=False)
+            found.append(u[:, size > FLAT * size[0]])
+        return found
+
+    def points(self, change: FloatMap | float = 0.0) -> FloatMap:
+        """Return the points of the surface, its distances changed, (m, 3), mm."""
+        return np.asarray(self.foot + (self.distance + change)[:, None] * self.normal)
+
+    def independent(self) -> FloatMap:
+        """Return the independent parts of the noise as columns, (m, p), mm."""
+        return np.diag(self.root) if self.root.ndim == 1 else self.root
+
+    def noise(self, random: np.random.Generator) -> FloatMap:
+        """Draw noise of the distances, (m,), mm."""
+        if self.root.ndim == 1:
+            return np.asarray(self.root * random.normal(size=len(self.root)))
+        return np.asarray(self.root @ random.normal(size=self.root.shape[1]))
+
+
+@dataclass(frozen=True)
+class Lines:
+    """The lines that a feature is judged by."""
+
+    run: Literal["along", "across", "around"]
+    """Along the chart's first direction, across it, or as circles around a point of a plane."""
+    direction: FloatMap | None = None
+    """Of the lines on a plane or free form, (3,)."""
+    centre: FloatMap | None = None
+    """Of the circles, (3,)."""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Places on a body as two coordinates, mm, and the lines of a feature in them."""
+
+    body: Body
+    first: FloatMap
+    """Along a plane's lines, along an axis, or across a sphere, (3,)."""
+    middle: FloatMap
+    """Mean normal, (3,)."""
+    exact: bool
+    """Whether the body itself, not a model beside it, is what distances are measured from."""
+
+    def places(self, points: FloatMap) -> FloatMap:
+        """Return the coordinates of points, (n, 2), mm."""
+        body, away = self.body, points - self.body.point
+        second = np.cross(self.middle, self.first)
+        if body.kind == "plane":
+            return np.column_stack((away @ self.first, away @ second))
+        if body.kind == "cylinder":
+            turn = np.arctan2(away @ second, away @ self.middle)
+            return np.column_stack((away @ self.first, body.radius * turn))
+        across = np.column_stack((away @ self.first, away @ second))
+        size = np.linalg.norm(across, axis=1)
+        turn = np.arctan2(size, away @ self.middle)
+        return np.asarray(across * (body.radius * turn / np.maximum(size, 1e-30))[:, None])
+
+    def feet(self, places: FloatMap) -> FloatMap:
+        """Return the points of the body at coordinates of a plane or cylinder, (m, 3), mm."""
+        body = self.body
+        second = np.cross(self.middle, self.first)
+        base = body.point + places[:, :1] * self.first
+        if body.kind == "plane":
+            return np.asarray(base + places[:, 1:] * second)
+        turn = places[:, 1] / body.radius
+        out = np.outer(np.cos(turn), self.middle) + np.outer(np.sin(turn), second)
+        return np.asarray(base + body.radius * out)
+
+
+def skin(part: AreaPoints, kind: Kind, lines: Lines | None = None) -> Skin:
+    """Return the surface of a feature.
+
+    Parameters
+    ----------
+    part : AreaPoints
+    kind : "plane", "cylinder" or "sphere"
+    lines : Lines, optional
+        The lines that it is judged by; all of its surface otherwise.
+
+    Raises
+    ------
+    InputError for an area that does not show the body, and lines that it does not hold.
+    """
+    body = body_of(part, kind)
+    normals = body.normals(part.points)
+    chart = chart_of(body, normals.mean(axis=0), lines)
+    return _skin(part, chart, normals, body.distances(part.points), lines)
+
+
+def median_skin(one: AreaPoints, other: AreaPoints) -> Skin:
+    """Return the median surface of two planes that face each other: of each pair of opposite points
+    the middle (ISO 17450-3).
+
+    Raises
+    ------
+    InputError for areas that do not lie opposite to each other.
+    """
+    bodies = [body_of(part, "plane") for part in (one, other)]
+    directions = [body.direction for body in bodies]
+    alike = 1.0 if directions[0] @ directions[1] > 0 else -1.0
+    n = directions[0] + alike * directions[1]
+    n = n / np.linalg.norm(n)
+    # Which points limit a median surface depends on both sides: all count, or evenly many.
+    inner = np.flatnonzero(one.inner)
+    first = _plane_skin(one, bodies[0], one.points[inner[:: -(-len(inner) // MEDIAN_POINTS)]])
+    tall = (first.foot - bodies[1].point) @ directions[1] / (n @ directions[1])
+    opposite = first.foot - tall[:, None] * n
+    second = _plane_skin(other, bodies[1], opposite)
+    chart = chart_of(bodies[1], directions[1], None)
+    hull = scipy.spatial.Delaunay(chart.places(other.points[other.inner]))
+    seen = np.linalg.norm(second.foot - opposite, axis=1) < OPPOSITE * _pitch(other.points)
+    seen &= hull.find_simplex(chart.places(opposite)) >= 0
+    if np.count_nonzero(seen) < LEAST_LINE_POINTS:
+        raise InputError("median: expected two areas that face each other, got ones side by side")
+    shares = [0.5 * side.normal @ n for side in (first, second)]
+    sides = list(zip((first, second), shares, strict=True))
+    root = np.column_stack([share[:, None] * side.independent() for side, share in sides])
+    parts = sum(share[:, None] * side.parts for side, share in sides)
+    own = np.column_stack([share[:, None] * side.own for side, share in sides])
+    foot = 0.5 * (first.foot + opposite)
+    found = Skin(
+        Body("plane", foot[seen].mean(axis=0), n),
+        foot[seen],
+        np.broadcast_to(n, foot[seen].shape),
+        sum(share * side.distance for side, share in sides)[seen],
+        root[seen],
+        np.asarray(parts)[seen],
+        own[seen],
+        first.weight[seen],
+        first.line[seen],
+        max(first.unseen, second.unseen),
+    )
+    return found
+
+
+def _plane_skin(part: AreaPoints, body: Body, at: FloatMap) -> Skin:
+    """The surface of a plane at points near it."""
+    chart = chart_of(body, body.direction, None)
+    normals = body.normals(part.points)
+    return _skin(part, chart, normals, body.distances(part.points), None, at)
+
+
+def _pitch(points: FloatMap) -> float:
+    """Distance of neighbouring points of a plane, about, mm."""
+    spread = np.linalg.svd(np.cov(points.T), compute_uv=False)[:2]
+    return float(np.sqrt(12.0 * np.sqrt(spread[0] * spread[1]) / len(points)))
+
+
+def skin_of_model(part: AreaDeviation, lines: Lines | None = None) -> Skin:
+    """Return the surface of an area, measured from its model; see ``skin``."""
+    middle = part.outwards.mean(axis=0)
+    flat = Body("plane", part.middle, middle / np.linalg.norm(middle))
+    chart = chart_of(flat, flat.direction, lines, exact=False)
+    found = _skin(part, chart, part.outwards, part.distance, lines)
+    # What is left of the alignment's errors moves all points together.
+    pixel = scipy.spatial.cKDTree(part.points).query(found.foot)[1]
+    pose = part.by_pose[pixel] @ root_of(part.pose_covariance)
+    return replace(found, parts=np.column_stack((found.parts, pose)))
+
+
+def _skin(
+    part: AreaPoints,
+    chart: Chart,
+    normals: FloatMap,
+    distance: FloatMap,
+    lines: Lines | None,
+    points: FloatMap | None = None,
+) -> Skin:
+    places = chart.places(part.points)
+    inner = np.flatnonzero(part.inner)
+    low = places[inner].min(axis=0)
+    span = np.maximum(np.ptp(places[inner], axis=0), np.finfo(float).tiny)
+    unit = (places - low) / span
+    sigma = np.abs(np.einsum("nc,nc->n", part.by_value, normals)) * (
+        part.noise if part.noise.any() else part.sigma
+    )
+    fitted, kept = _fitted(unit, distance, sigma, inner, stated=bool(part.noise.all()))
+    feet = part.points - distance[:, None] * normals
+    at = unit if points is None else (chart.places(points) - low) / span
+    number: FloatMap = np.zeros(len(at))
+    value: FloatMap
+    weight: FloatMap
+    root: FloatMap
+    if lines is not None or points is not None:
+        if lines is not None:
+            at, number = _on_lines(chart, lines, places[kept], low, span)
+        pixel = kept[scipy.spatial.cKDTree(unit[kept]).query(at)[1]]
+        root = fitted.design(at) @ fitted.root
+        value, weight = fitted.at(at), np.ones(len(at))
+    elif fitted.resolved:
+        value = fitted.at(unit)
+        pixel, weight = _limiting(unit, value, kept)
+        at, value, number = unit[pixel], value[pixel], number[pixel]
+        root = fitted.design(at) @ fitted.root
+    else:
+        pixel = kept[:: -(-len(kept) // MOST_POINTS)]
+        at, value, number, weight = unit[pixel], distance[pixel], number[pixel], np.ones(len(pixel))
+        root = sigma[pixel]
+    normal, foot = normals[pixel], feet[pixel]
+    if lines is not None and chart.exact:
+        foot = chart.feet(low + span * at)
+        normal = chart.body.normals(foot)
+    parts, own = _parts(part, unit, normals, kept, at, pixel)
+    across, unseen = None, fitted.unseen if root.ndim > 1 else 0.0
+    if lines is not None:
+        across = chart.first if lines.run == "across" else np.cross(chart.middle, chart.first)
+    return Skin(chart.body, foot, normal, value, root, parts, own, weight, number, unseen, across)
+
+
+def _fitted(
+    unit: FloatMap, distance: FloatMap, sigma: FloatMap, inner: NDArray[np.intp], *, stated: bool
+) -> tuple[Smooth, NDArray[np.intp]]:
+    """The smooth surface, and the points that it goes through: all but outliers."""
+    variance = sigma**2 if sigma[inner].all() else np.ones(len(sigma))
+
+    def fit(kept: NDArray[np.intp]) -> Smooth:
+        return smooth(*_blocks(unit[kept], distance[kept], variance[kept]), stated=stated)
+
+    found = fit(inner)
+    away = np.abs(distance[inner] - found.at(unit[inner])) / np.sqrt(variance[inner])
+    wrong = away > FAR_SIGMAS * robust_sigma(away * np.resize((1.0, -1.0), len(away)))
+    if 0 < wrong.mean() <= DISCARDED:
+        inner = inner[~wrong]
+        found = fit(inner)
+    return found, inner
+
+
+def _blocks(
+    unit: FloatMap, distance: FloatMap, variance: FloatMap
+) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """Weighted means of many points in blocks, and their variances."""
+    if len(unit) <= MOST_POINTS:
+        return unit, distance, variance
+    row, column = np.minimum((unit * BLOCKS).astype(int), BLOCKS - 1).T
+    block = np.unique(row * BLOCKS + column, return_inverse=True)[1].ravel()
+    weight = 1.0 / variance
+    total = np.bincount(block, weight)
+    means = [np.bincount(block, weight * v) / total for v in (unit[:, 0], unit[:, 1], distance)]
+    return np.stack(means[:2], axis=-1), means[2], 1.0 / total
+
+
+def _limiting(
+    unit: FloatMap, value: FloatMap, kept: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], FloatMap]:
+    """Points that can limit a zone, and the number of pixels that each stands for in means."""
+    place, height = unit[kept], value[kept]
+    row, column = np.minimum((place * BINS).astype(int), BINS - 1).T
+    bins = row * BINS + column
+    order = np.lexsort((height, bins))
+    last = np.append(np.flatnonzero(np.diff(bins[order])), len(order) - 1)
+    first = np.append(0, last[:-1] + 1)
+    extremes = [order[first], order[last]]
+    for strip, along in ((row, place[:, 1]), (column, place[:, 0])):
+        ranked = np.lexsort((along, strip))
+        end = np.append(np.flatnonzero(np.diff(strip[ranked])), len(ranked) - 1)
+        extremes += [ranked[np.append(0, end[:-1] + 1)], ranked[end]]
+    # A point of each bin in the order of the pixels is near its middle.
+    by_bin = np.argsort(bins, kind="stable")
+    middle = by_bin[(first + last) // 2]
+    limits = np.setdiff1d(np.concatenate(extremes), middle)
+    weight = np.concatenate((last - first + 1.0, np.zeros(len(limits))))
+    return kept[np.concatenate((middle, limits))], weight
+
+
+def _on_lines(
+    chart: Chart, lines: Lines, places: FloatMap, low: FloatMap, span: FloatMap
+) -> tuple[FloatMap, FloatMap]:
+    """Places of the lines in the unit square, and the number of each one's line."""
+    grid = np.linspace(0.0, 1.0, LINES), np.linspace(0.0, 1.0, LINE_POINTS)
+    across, along = (v.ravel() for v in np.meshgrid(*grid, indexing="ij"))
+    number = np.repeat(np.arange(float(LINES)), LINE_POINTS)
+    if lines.run == "around":
+        assert lines.centre is not None
+        centre = chart.places(lines.centre[None])[0]
+        far = np.linalg.norm(places - centre, axis=1)
+        radius = far.min() + across * (far.max() - far.min())
+        turn = 2.0 * np.pi * along
+        circles = centre + radius[:, None] * np.stack((np.cos(turn), np.sin(turn)), axis=-1)
+        at = (circles - low) / span
+    else:
+        both = (across, along) if lines.run == "across" else (along, across)
+        at = np.stack(both, axis=-1)
+    area = _occupied(places, low, span)
+    near = NEAR * np.sqrt(area / len(places))
+    seen = scipy.spatial.cKDTree(places).query(low + span * at)[0] <= near
+    counts = np.bincount(number[seen].astype(int), minlength=LINES)
+    seen &= counts[number.astype(int)] >= LEAST_LINE_POINTS
+    if not seen.any():
+        raise InputError(
+            f"zone: expected lines of {LEAST_LINE_POINTS} points or more in the area, got none"
+        )
+    return at[seen], number[seen]
+
+
+def _occupied(places: FloatMap, low: FloatMap, span: FloatMap) -> float:
+    """Area that the points cover, mm²: that of the bins that hold any."""
+    row, column = np.minimum((places - low) / span * BINS, BINS - 1).astype(int).T
+    return len(np.unique(row * BINS + column)) / BINS**2 * float(span[0] * span[1])
+
+
+def _parts(
+    part: AreaPoints,
+    unit: FloatMap,
+    normals: FloatMap,
+    kept: NDArray[np.intp],
+    at: FloatMap,
+    pixel: NDArray[np.intp],
+) -> tuple[FloatMap, FloatMap]:
+    """Common errors of points: of the calibration and the blur, and of the area's patches."""
+    along = np.einsum("nc,nc->n", part.by_value, normals)
+    blur = (along * part.blur)[pixel, None]
+    if part.by_rig is None:
+        patches = np.eye(PATCHES**2)[part.patch[pixel]]
+        return blur, (along * part.common)[pixel, None] * patches
+    some = kept[:: -(-len(kept) // (BINS * BINS))]
+    errors = np.einsum("nc,nck->nk", normals[some], part.by_rig[part.cell[some]])
+    smooth_errors = _powers(at) @ np.linalg.lstsq(_powers(unit[some]), errors, rcond=None)[0]
+    return np.column_stack((blur, smooth_errors)), np.zeros((len(pixel), 0))
+
+
+def _powers(unit: FloatMap) -> FloatMap:
+    x, y = 2.0 * unit.T - 1.0
+    return np.stack([x**i * y**j for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)], -1)
+
+
+def chart_of(body: Body, middle: FloatMap, lines: Lines | None, *, exact: bool = True) -> Chart:
+    """Return the chart of a body, its first direction along the lines or the axis."""
+    if body.kind == "plane":
+        middle = body.direction
+    first = body.direction if body.kind == "cylinder" else None
+    if lines is not None and lines.direction is not None and first is None:
+        first = lines.direction
+    if first is None:
+        first = np.eye(3)[int(np.argmin(np.abs(middle)))]
+    if body.kind == "cylinder":
+        middle = middle - (middle @ first) * first
+    else:
+        first = first - (first @ middle) * middle / (middle @ middle)
+    size = float(np.linalg.norm(first))
+    if not size > PARALLEL_SINE:
+        raise InputError("zone: expected a direction of lines in the surface, got its normal")
+    return Chart(body, first / size, middle / np.linalg.norm(middle), exact)
+
+
+def body_of(part: AreaPoints, kind: Kind) -> Body:
+    """Return the body of least squares of an area; a plane's normal points to the camera.
+
+    All points count: a dent is a deviation of the feature, and no other surface.
+    """
+    return part.once(f"body {kind}", lambda one: _body_of(one, kind))
+
+
+def _body_of(part: AreaPoints, kind: Kind) -> Body:
+    points = part.points[part.inner]
+    if kind == "plane":
+        middle = points.mean(axis=0)
+        _, size, turn = np.linalg.svd(points - middle, full_matrices=False)
+        if not size[1] > FLAT * size[0]:
+            raise InputError("zone: expected points of a surface, got points on a line")
+        return Body(kind, middle, turn[2] if turn[2] @ part.up > 0 else -turn[2])
+    some = points[:: -(-len(points) // MOST_POINTS)]
+    found = fit_form(some, "sphere" if kind == "sphere" else "cylinder").parameters
+    radius = float(np.asarray(found["radius_mm"]))
+    if kind == "sphere":
+        start = Body(kind, np.asarray(found["centre_mm"]), np.array([0.0, 0.0, 1.0]), radius)
+    else:
+        start = Body(kind, np.asarray(found["point_mm"]), np.asarray(found["axis"]), radius)
+    body = associate(start, some, everything(), "least-squares")
+    middle = body.point
+    if kind == "cylinder":
+        middle = middle + body.along(part.middle[None])[0] * body.direction
+    return replace(body, point=middle, hollow=bool((part.middle - middle) @ part.up < 0))

@@ -79,7 +79,7 @@ def take_frames(
     if not 1 <= average <= MOST_AVERAGED:
         raise InputError(f"average: expected 1 to {MOST_AVERAGED} frames, got {average}")
     taker = taker_of(projector, camera, delay)
-    if not isinstance(projector, MemoryProjector):
+    if not isinstance(projector, MemoryProjector | SequenceProjector):
         check_steady(projector, camera)
     guard = SaturationGuard(camera, most_saturated)
     for number, grabs in taker.frames(pictures_of(projector, plan, only), average, guard):

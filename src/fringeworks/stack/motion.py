@@ -50,14 +50,19 @@ class Motion(Frozen):
     None where nothing moves across it."""
     acceleration_px: dict[Axis, FloatMap] = field(default_factory=dict)
     """Change of the velocity, (h, w), projector px per frame²; empty where unknown."""
-    velocity_sigma_px: dict[Axis, FloatMap] = field(default_factory=dict)
-    """Standard deviation of the velocity where it changes from cycle to cycle, (h, w), projector px
-    per frame; empty where unknown, 0 where two cycles alone are known."""
+    path_px: dict[Axis, dict[float, FloatMap]] = field(default_factory=dict)
+    """How far the surface is from where it is at the moment, at times from it in frames, (h, w),
+    projector px; empty where velocity and acceleration are all that is known."""
+    path_sigma_px: dict[Axis, FloatMap] = field(default_factory=dict)
+    """Standard deviation of the coordinate by what is not known of the path, (h, w), projector px;
+    empty where unknown."""
     brightening: FloatMap | None = None
     """Relative change of the brightness, (h, w), per frame; None where it stays."""
 
     def moved_px(self, axis: Axis, frames: float) -> FloatMap:
         """Return how far surfaces move along the projector within some frames, (h, w), px."""
+        if frames in self.path_px.get(axis, ()):
+            return self.path_px[axis][frames]
         moved: FloatMap = np.float32(frames) * self.velocity_px[axis]
         if axis in self.acceleration_px:
             moved = moved + np.float32(0.5 * frames**2) * self.acceleration_px[axis]

@@ -36,6 +36,9 @@ SHAPES = 2
 FRAME_ERROR_RAD = 0.002
 """Standard deviation of the velocity and curvature that light which flickers by 0.3 % from frame to
 frame makes, rad."""
+ALIKE_PX = 4
+"""Distance over which residuals of paint in motion are alike, px: the blur of an edge, and the
+error of the motion across the image."""
 ROUNDING = 1.0 / 12.0
 """Smallest variance of a sample, that of rounding to whole counts, counts²."""
 SMALLEST = 1e-6
@@ -197,8 +200,8 @@ def missing_turns(
     turned_rad : N (h, w) arrays
         Angles by which the phase turns by the known motion, rad.
     noise : float > 0
-        Variance of a sample, counts². Of larger residuals, as paint in motion makes them, those of
-        a block count as one.
+        Variance of a sample, counts². Larger residuals, as paint in motion makes them, are alike at
+        neighbouring pixels.
 
     Returns
     -------
@@ -255,7 +258,7 @@ def _regressed(
     explained = slopes[0] * sums[3] + slopes[1] * sums[4]
     rest = np.maximum(_around(_sums(np.nan_to_num(square))) - explained, 0.0)
     seen = rest / ((BLOCK * AROUND) ** 2 * (n - 3)) + ROUNDING
-    alike = np.minimum(seen, noise) + BLOCK**2 * np.maximum(seen - noise, 0.0)
+    alike = np.minimum(seen, noise) + ALIKE_PX**2 * np.maximum(seen - noise, 0.0)
     variances = [
         np.maximum(alike * one, other) + FRAME_ERROR_RAD**2
         for one, other in zip((inverse[0], inverse[2]), _scatter(own, slopes, inverse), strict=True)

@@ -42,8 +42,16 @@ LEAST_WEIGHT = 1e-3
 POOLED = 3
 """Blocks along each side whose mean logarithm of the likelihood weighs the hypotheses: neighbours
 move alike, and so are no independent evidence."""
-STRAIGHT = 0.5
-"""Probability beforehand that nothing moves but straight on."""
+STRAIGHT = 0.9
+"""Probability beforehand that nothing moves but straight on: with less, small vibrations that sets
+of three steps cannot see would widen every σ."""
+SEEN_CYCLES = 2.0
+"""Shortest time in which motion may change that sets of three steps alone show, cycles: they leave
+no residuals, and everything faster would look alike."""
+UNSEEN = 1e-30
+"""Probability beforehand of faster motion, where only such sets are there."""
+LIKELY = 0.5
+"""Probability of vibrations of any period from which on those that look alike count."""
 ALIKE = 6.0
 """Difference of χ² up to which vibrations look alike: the 95 % quantile for two unknowns."""
 WITHIN = 0.95
@@ -126,8 +134,9 @@ class _Kind:
 def _kinds(cycle: int) -> tuple[tuple[_Kind, ...], NDArray[np.float64]]:
     """The hypotheses for cycles of some frames, and their probabilities beforehand.
 
-    A vibration is the likelier the slower, as the square of its period: of those that look alike in
-    the frames, the slow ones move farthest, and matter most.
+    Motion is the likelier the slower, as the square of the period of a vibration, or of the time
+    that a velocity stays: of vibrations that look alike in the frames, the slow ones move farthest,
+    and matter most.
     """
     lines = int(LONGEST_CYCLES * cycle / SHORTEST_FRAMES)
     periods = [LONGEST_CYCLES * cycle / k for k in range(1, lines + 1)]
@@ -135,7 +144,8 @@ def _kinds(cycle: int) -> tuple[tuple[_Kind, ...], NDArray[np.float64]]:
     vibrating = [_Kind(size, period) for period in periods for size in SIZES_PX]
     share = np.square([kind.period for kind in vibrating])
     rest = 0.5 * (1.0 - STRAIGHT)
-    before = [[STRAIGHT], np.full(len(bent), rest / len(bent)), rest * share / share.sum()]
+    steady = np.square([kind.stays for kind in bent])
+    before = [[STRAIGHT], rest * steady / steady.sum(), rest * share / share.sum()]
     return (_Kind(0.0), *bent, *vibrating), np.concatenate(before)
 
 
@@ -190,13 +200,20 @@ class MotionPath:
     def _weighed(self) -> list[_Hypothesis]:
         """The hypotheses that matter, with their probabilities."""
         kinds, before = _kinds(self._cycle)
+        if not self._found.steps.any():
+            slowest = SEEN_CYCLES * self._cycle
+            fast = [kind.size_px > 0 and kind.period + kind.stays < slowest for kind in kinds]
+            before = np.where(fast, UNSEEN, before)
         found = [self._likelihoods(kind) for kind in kinds]
         logs = np.stack([self._pooled(log) for one in found for log, _ in one])
         misfits = np.stack([self._pooled(misfit) for one in found for _, misfit in one])
         chance = logs + np.repeat(np.log(before), len(UNSURE))[:, None]
         chance = np.exp(chance - chance.max(axis=0))
         chance /= chance.sum(axis=0)
-        alike = _alike(kinds, logs, misfits) & (chance[: len(UNSURE)].sum(axis=0) < STRAIGHT)
+        vibrating = np.repeat([kind.period > 0.0 for kind in kinds], len(UNSURE))
+        alike = _alike(kinds, logs, misfits) & (chance[vibrating].sum(axis=0) > LIKELY)
+        # Sets of three steps see no motion of their own: with them alone, everything looks alike.
+        alike &= bool(self._found.steps.any())
         matter = (chance.max(axis=1) >= LEAST_WEIGHT) | alike.any(axis=1)
         return [
             self._hypothesis(kinds[k // len(UNSURE)], UNSURE[k % len(UNSURE)], chance[k], alike[k])

@@ -6,13 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from fringeworks.stack.motion_path import LIKELY
 from fringeworks.stack.unmeasured import LARGE_SHARE
 from fringeworks.types import BoolMap, CoordinateMap, Finding, FloatMap
 from fringeworks.types.numbers import number, percent, sigma_text
 from fringeworks.types.packages import cv2
 
-LIKELY = 0.5
-"""Probability of vibrations, over the pixels concerned, from which on they are named."""
 ALIAS = 0.05
 """Probability of a period from which on it is named beside the likeliest one."""
 SAME_PERIOD = 0.2

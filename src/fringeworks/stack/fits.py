@@ -80,7 +80,9 @@ def harmonic_parts(fitted: FloatMap) -> FloatMap:
 def parts_of_orders(wave: NDArray[Any], orders: Sequence[int]) -> FloatMap:
     """B cos kφ and B sin kφ of a wave B e^{iφ}, (2K, …), for rising orders k one after another."""
     modulation = np.abs(wave)
-    phasor = wave / np.maximum(modulation, np.finfo(modulation.dtype).tiny)
+    # Division of complex numbers that are NaN, as of pixels that a moved frame lacks, warns.
+    with np.errstate(invalid="ignore"):
+        phasor = wave / np.maximum(modulation, np.finfo(modulation.dtype).tiny)
     power, parts = wave, []
     for earlier, order in pairwise((1, *orders)):
         for _ in range(order - earlier):

@@ -33,6 +33,8 @@ NEAREST_PX = 0.1
 BRIGHTEST = 3.0
 """Largest |I − A| of a Gray-code pixel, in modulations B of the fringes, that is still taken for a
 bit. Blur weakens fringes more than bits, but rarely to a third."""
+ROWS = 16
+"""Rows that are fitted at once: what a fit keeps of them stays in the processor's cache."""
 DEGENERATE = 1e-2
 """Smallest determinant of a fit over that of equal steps. Below, the motion of the fringes undoes
 the steps, and the samples do not determine a phase."""
@@ -50,14 +52,19 @@ class Motion(Frozen):
     None where nothing moves across it."""
     acceleration_px: dict[Axis, FloatMap] = field(default_factory=dict)
     """Change of the velocity, (h, w), projector px per frame²; empty where unknown."""
-    velocity_sigma_px: dict[Axis, FloatMap] = field(default_factory=dict)
-    """Standard deviation of the velocity where it changes from cycle to cycle, (h, w), projector px
-    per frame; empty where unknown, 0 where two cycles alone are known."""
+    path_px: dict[Axis, dict[float, FloatMap]] = field(default_factory=dict)
+    """How far the surface is from where it is at the moment, at times from it in frames, (h, w),
+    projector px; empty where velocity and acceleration are all that is known."""
+    path_sigma_px: dict[Axis, FloatMap] = field(default_factory=dict)
+    """Standard deviation of the coordinate by what is not known of the path, (h, w), projector px;
+    empty where unknown."""
     brightening: FloatMap | None = None
     """Relative change of the brightness, (h, w), per frame; None where it stays."""
 
     def moved_px(self, axis: Axis, frames: float) -> FloatMap:
         """Return how far surfaces move along the projector within some frames, (h, w), px."""
+        if frames in self.path_px.get(axis, ()):
+            return self.path_px[axis][frames]
         moved: FloatMap = np.float32(frames) * self.velocity_px[axis]
         if axis in self.acceleration_px:
             moved = moved + np.float32(0.5 * frames**2) * self.acceleration_px[axis]
@@ -106,6 +113,20 @@ def fit_moving(
     NaN where the samples do not determine them.
     square : (h, w) float32 array, sum of the squared residuals, counts²
     """
+    found: FloatMap = np.empty((4, *samples[0].shape), np.float32)
+    for top in range(0, found.shape[1], ROWS):
+        part = slice(top, top + ROWS)
+        found[:, part] = _fit_rows(
+            [a[part] for a in samples], shifts_rad, [a[part] for a in turned_rad]
+        )
+    background, c, s, square = found
+    return background, c, s, square
+
+
+def _fit_rows(
+    samples: Sequence[FloatMap], shifts_rad: Sequence[float], turned_rad: Sequence[FloatMap]
+) -> tuple[FloatMap, FloatMap, FloatMap, FloatMap]:
+    """As ``fit_moving``, of some rows."""
     n = len(samples)
     mean = sum(samples[1:], samples[0].copy()) / np.float32(n)
     waves = [_waves(shift, turned) for shift, turned in zip(shifts_rad, turned_rad, strict=True)]

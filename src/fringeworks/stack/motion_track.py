@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.frames import Planes
-from fringeworks.stack.motion import Motion, late_frames, warped
-from fringeworks.stack.motion_search import motion_between
+from fringeworks.stack.motion import Motion, warped
+from fringeworks.stack.motion_evidence import (
+    Evidence,
+    evidence_of,
+    lit_by,
+    lit_medians,
+    turn_weights,
+    whole,
+)
+from fringeworks.stack.motion_path import MotionPath, observed
+from fringeworks.stack.motion_search import MOST_PERIODS, motion_between
 from fringeworks.types import Axis, FloatMap, sealed
-from fringeworks.types.packages import cv2, need_opencv
+from fringeworks.types.packages import need_opencv
 
 KEPT = 3
-"""Pairs of cycles whose motion is kept: three determine a parabola in time."""
-SURELY_UNKNOWN = 0.125
-"""Smallest standard deviation of a velocity, as a share of its second difference (of the difference
-for two pairs): the mean over a cycle hides when in it the velocity has changed."""
-UNRESOLVED = 1.5
-"""Bend of the velocity over three pairs of cycles, over the largest velocity, from which on it
-changes faster than cycles can follow: a vibration of four cycles has 1.4, of three 2."""
-BLOCK = 12
-"""Side of the blocks whose median change of velocity is used, px. Changes of single pixels would
-carry noise and edges on to other moments. Empirical."""
+"""Pairs of cycles whose motion is kept. Farther ones say little of a moment."""
+IN_SETS = 1.0
+"""Time over which a wrong velocity acts while the frames of a set are taken, frames: sets of three
+to eight steps have 0.5 to 1.5."""
 
 
 class MotionTrack:
@@ -39,110 +44,95 @@ class MotionTrack:
     def __init__(self, plan: PatternPlan) -> None:
         need_opencv("a sequence")
         self._plan = plan
-        self._late = {axis: late_frames(plan, axis) / plan.frames for axis in plan.axes}
         self._motions: deque[Motion] = deque(maxlen=KEPT)
-        self._at_pixels: deque[dict[Axis, FloatMap]] = deque(maxlen=KEPT)
-        self._sizes: deque[dict[Axis, FloatMap]] = deque(maxlen=KEPT)
-        """Of the velocity of each pair, without its sign, smooth over the image."""
-        self._changes: deque[dict[Axis, FloatMap]] = deque(maxlen=KEPT - 1)
-        """Of the velocity from each pair to the next, smooth."""
-        self._bend: dict[Axis, FloatMap] = {}
-        """Difference of the changes over three pairs, smooth; empty for fewer."""
+        self._steady: deque[dict[Axis, FloatMap]] = deque(maxlen=KEPT)
+        """Velocity of each pair at the blocks of the image, as if nothing moved across it."""
+        self._evidence: deque[tuple[int, dict[Axis, list[Evidence]]]] = deque(maxlen=KEPT)
+        self._paths: dict[Axis, MotionPath] = {}
         self.pairs = 0
         """Number of pairs of cycles that were added."""
 
     def add(self, one: Planes, other: Planes, noise: float) -> None:
         """Find the motion between the last cycle and the next one; see ``motion_between``."""
+        plan, shape = self._plan, one[0].shape
         speeding = {}
-        if self._changes:
-            frames = np.float32(self._plan.frames)
-            speeding = {axis: change / frames for axis, change in self._changes[-1].items()}
-        motion, at_pixels = motion_between(one, other, self._plan, noise, speeding)
+        if len(self._steady) > 1:
+            before, last = self._steady[-2], self._steady[-1]
+            speeding = {a: whole((last[a] - before[a]) / plan.frames, shape) for a in plan.axes}
+        motion, at_pixels = motion_between(one, other, plan, noise, speeding)
+        lit = lit_by(one, plan)
         self._motions.append(motion)
-        self._at_pixels.append(at_pixels)
-        self._sizes.append({axis: np.abs(_smooth(v)) for axis, v in at_pixels.items()})
+        self._steady.append({axis: lit_medians(v, lit) for axis, v in at_pixels.items()})
+        evidence = evidence_of(one, other, plan, motion, at_pixels, noise)
+        self._evidence.append((self.pairs * plan.frames, evidence))
         self.pairs += 1
-        kept = self._at_pixels
-        axes = self._plan.axes
-        if len(kept) > 1:
-            self._changes.append({axis: _smooth(kept[-1][axis] - kept[-2][axis]) for axis in axes})
-        if len(kept) == KEPT:
-            self._bend = {
-                axis: _smooth((kept[2][axis] - kept[1][axis]) - (kept[1][axis] - kept[0][axis]))
-                for axis in axes
-            }
+        for axis in plan.axes:
+            pairs = [(start, found[axis]) for start, found in self._evidence]
+            finest = min(block.period_px for _, block in plan.phase_sets(axis))
+            fastest = MOST_PERIODS * finest / plan.frames
+            self._paths[axis] = MotionPath(observed(pairs, plan.frames), plan.frames, fastest)
 
-    def at(self, start: float) -> Motion:
+    def at(self, start: int, order: Sequence[int]) -> Motion:
         """Return the motion at the middle of as many frames as the plan's from ``start`` on.
 
         Parameters
         ----------
-        start : float
+        start : int
             Index of a frame in the sequence.
+        order : ints
+            Index of the frame of each pattern that is decoded.
 
         Notes
         -----
-        The velocity of the nearest pair is moved to the moment by the line through two pairs and,
-        where there are three, by the parabola. What the parabola adds to the line, or an eighth of
-        how it bends, counts as the standard deviation of the velocity.
+        The velocity of every pixel is that of the nearest pair. How it changes, and by how much
+        that is not sure, is known for blocks of the image; see ``MotionPath``.
         """
         first = self.pairs - len(self._motions)
-        # The velocity of pair k is that at k, in cycles, and a little later.
         place = start / self._plan.frames - 0.5 - first
         nearest = int(np.clip(np.rint(place), 0, len(self._motions) - 1))
+        motion = _moved(self._motions[nearest], (place - nearest) * self._plan.frames)
+        shape = next(iter(motion.velocity_px.values())).shape
+        middle = start + 0.5 * (self._plan.frames - 1)
         velocity: dict[Axis, FloatMap] = {}
-        acceleration: dict[Axis, FloatMap] = {}
+        path: dict[Axis, dict[float, FloatMap]] = {}
         sigma: dict[Axis, FloatMap] = {}
         for axis in self._plan.axes:
-            step, slope, doubt = self._changed(axis, nearest, place - self._late[axis])
-            velocity[axis] = self._motions[nearest].velocity_px[axis] + step
-            acceleration[axis] = slope / np.float32(self._plan.frames)
-            sigma[axis] = doubt
-        motion = replace(
-            self._motions[nearest],
-            velocity_px=velocity,
-            acceleration_px=acceleration,
-            velocity_sigma_px=sigma,
-        )
-        return _moved(motion, (place - nearest) * self._plan.frames)
+            found, unsure = self._paths[axis].of(*self._rows(axis, order, middle))
+            count = len(order)
+            own = motion.velocity_px[axis] - whole(self._steady[nearest][axis], shape)
+            path[axis] = {
+                k - middle: whole(found[i], shape) + np.float32(k - middle) * own
+                for i, k in enumerate(order)
+            }
+            velocity[axis] = whole(found[count], shape) + own
+            spread = np.hypot(unsure[count + 1], IN_SETS * unsure[count + 2])
+            sigma[axis] = whole(spread, shape)
+        return replace(motion, velocity_px=velocity, path_px=path, path_sigma_px=sigma)
 
-    def _changed(
-        self, axis: Axis, nearest: int, place: float
-    ) -> tuple[FloatMap, FloatMap, FloatMap]:
-        """Change of the velocity from a pair to a place, slope there per cycle, and how sure."""
-        count = len(self._motions)
-        if count == 1:
-            unknown = np.zeros_like(self._motions[0].velocity_px[axis])
-            return unknown, unknown, unknown
-        low = int(np.clip(np.floor(place), 0, count - 2))
-        line = self._changes[low][axis]
-        between = np.float32((place - low) * (place - low - 1.0))
-        if count == 2:
-            return (
-                np.float32(place - nearest) * line,
-                line,
-                max(abs(0.5 * between), SURELY_UNKNOWN) * np.abs(line),
-            )
-        bend = self._bend[axis]
-        away = np.float32(0.5 * (nearest - low) * (nearest - low - 1.0))
-        # A velocity between two cycles is the mean over a cycle, not that at its middle.
-        step = np.float32(place - nearest) * line + (0.5 * between - away - 1.0 / 24.0) * bend
-        slope = line + np.float32(place - low - 0.5) * bend
-        largest = np.max([sizes[axis] for sizes in self._sizes], axis=0)
-        unresolved = np.abs(bend) > UNRESOLVED * largest
-        doubt = max(abs(0.5 * between), SURELY_UNKNOWN) * np.abs(bend)
-        return step, slope, np.where(unresolved, largest, doubt).astype(np.float32)
+    def vibrations(self, axis: Axis) -> dict[float, FloatMap]:
+        """Probability of a vibration of each period, frames, at the blocks of the image."""
+        return self._paths[axis].vibrations
 
-
-def _smooth(change: FloatMap) -> FloatMap:
-    """A map of medians of blocks, linear between them: edges of what moves do not count."""
-    height, width = change.shape
-    rows, columns = -(-height // BLOCK), -(-width // BLOCK)
-    padded = np.pad(change, ((0, rows * BLOCK - height), (0, columns * BLOCK - width)), mode="edge")
-    blocks = padded.reshape(rows, BLOCK, columns, BLOCK).swapaxes(1, 2).reshape(rows, columns, -1)
-    medians = cv2.medianBlur(np.median(blocks, axis=-1).astype(np.float32), 3)
-    whole = cv2.resize(medians, (columns * BLOCK, rows * BLOCK), interpolation=cv2.INTER_LINEAR)
-    return np.asarray(whole[:height, :width])
+    def _rows(
+        self, axis: Axis, order: Sequence[int], middle: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Sums of places that a moment needs, and their times: each frame from the moment, the
+        velocity there, the coordinate that its sets tell, and the velocity in the finest set."""
+        count = len(order)
+        times = np.array([*order, middle, middle - 0.5, middle + 0.5], float)
+        rows = np.zeros((count + 3, count + 3))
+        rows[np.arange(count), np.arange(count)] = 1.0
+        rows[:count, count] = -1.0
+        rows[count, count + 1 :] = -1.0, 1.0
+        sets = self._plan.phase_sets(axis)
+        total = sum(block.period_px**-2.0 for _, block in sets)
+        for first, block in sets:
+            part = slice(first, first + block.frames)
+            rows[count + 1, part] = block.period_px**-2.0 / total / block.frames
+        rows[count + 1, count] = -1.0
+        first, finest = min(sets, key=lambda one: one[1].period_px)
+        rows[count + 2, first : first + finest.frames] = turn_weights(finest.shifts_rad)[0]
+        return rows, times
 
 
 def _moved(motion: Motion, frames: float) -> Motion:

@@ -24,9 +24,10 @@ from fringeworks.stack.examine import Judgement, examine
 from fringeworks.stack.frames import Planes, check_frame, refuse_constant, step_of
 from fringeworks.stack.gray_light import plan_with_light, with_light
 from fringeworks.stack.kernel_settings import Limits, empty_maps
-from fringeworks.stack.motion import Motion, late_frames, taken_out
+from fringeworks.stack.motion import Motion, taken_out
 from fringeworks.stack.motion_search import motion_between
 from fringeworks.stack.motion_track import MotionTrack
+from fringeworks.stack.motion_words import unsteady
 from fringeworks.stack.order_tracking import expected_later, track_orders
 from fringeworks.stack.sample import take_sample
 from fringeworks.types import (
@@ -34,6 +35,7 @@ from fringeworks.types import (
     CameraNoise,
     CoordinateMap,
     Decoded,
+    Finding,
     FloatMap,
     FramesContradictPlan,
     Frozen,
@@ -46,10 +48,6 @@ from fringeworks.types import (
 MOST_CONTRADICTING = 2
 """Cycles of the plan during which frames may contradict it, as when a hand crosses the scene:
 nothing is measured then."""
-IN_SETS = 1.0
-"""Time over which a wrong velocity acts while the frames of a set are taken, frames: sets of three
-to eight steps have 0.5 to 1.5. It adds in quadrature to the distance of the sets from the moment.
-"""
 FEWEST_CYCLES = 2
 """Cycles of the plan that a sequence needs: motion shows between two of them."""
 
@@ -110,12 +108,15 @@ def decode_sequence(
 
     Notes
     -----
-    Motion is found between successive cycles, and interpolated in time between these (see
-    ``motion_between``). Frames are moved back across the image, and the phases of what approaches
-    or recedes are turned back, by as much as the surface has moved between the frame and the
-    moment. Sets whose frames then still disagree have larger standard deviations there. Binomial
-    weights of successive phases (image-sequential binomial self-compensation) suppress the same
-    ripple, but need equal steps without other frames between them; this works for every plan.
+    Motion is found between successive cycles (see ``motion_between``) and within the sets of four
+    steps or more. How surfaces move between is a random function of time, whose spectrum these
+    observations determine at each part of the image (see ``MotionPath``). What they do not
+    determine is part of the standard deviations, and is named by a finding. Frames are moved back
+    across the image, and the phases of what approaches or recedes are turned back, by as much as
+    the surface has moved between the frame and the moment. Sets whose frames then still disagree
+    have larger standard deviations there. Binomial weights of successive phases (image-sequential
+    binomial self-compensation) suppress the same ripple, but need equal steps without other frames
+    between them; this works for every plan.
 
     Orders that the plan alone leaves ambiguous come from the moment before, and orders that
     contradict it need neighbours on their surface.
@@ -279,14 +280,14 @@ class SequenceDecoder:
         cycle = self._plan.frames
         middle = start + 0.5 * (cycle - 1)
         order = self._nearest(middle)
-        motion = self._track.at(start)
+        motion = self._track.at(start, order)
         planes = [self._frames[k - self._base] for k in order]
         times = [k - middle for k in order]
         planes = taken_out(planes, times, self._plan, motion, self._limits.saturation)
         planes, lit = with_light(planes, self._plan)
         judged, agrees = self._latest(planes, lit, start)
         maps = {
-            axis: self._map(axis, planes, times, judged, motion if agrees else None)
+            axis: self._map(axis, planes, judged, motion if agrees else None)
             for axis in self._plan.axes
         }
         velocity = {
@@ -297,10 +298,18 @@ class SequenceDecoder:
             x=maps.get("x"),
             y=maps.get("y"),
             noise=judged.noise,
-            findings=judged.findings,
+            findings=(*judged.findings, *self._unsteady(maps, motion)),
             details=judged.details,
         )
         return Moment(decoded, replace(motion, velocity_px=velocity), middle, start)
+
+    def _unsteady(self, maps: dict[Axis, CoordinateMap], motion: Motion) -> list[Finding]:
+        """Findings about motion that the frames do not tell."""
+        found = [
+            unsteady(maps[axis], sigma, self._track.vibrations(axis), self._plan.frames)
+            for axis, sigma in motion.path_sigma_px.items()
+        ]
+        return [finding for finding in found if finding is not None]
 
     def _nearest(self, middle: float) -> list[int]:
         """Frames of the plan's patterns, those of a block together, nearest to a time.
@@ -352,7 +361,6 @@ class SequenceDecoder:
         self,
         axis: Axis,
         planes: Planes,
-        times: list[float],
         judged: Judgement,
         motion: Motion | None,
     ) -> CoordinateMap:
@@ -373,11 +381,9 @@ class SequenceDecoder:
             expected = expected_later(coordinate, motion, axis, self._next - before)
         track_orders(results, decoding, judged.noise, expected)
         compare_neighbours(found, results, typical_px=typical_step(found, results))
-        if axis in motion.velocity_sigma_px:
-            # The coordinate is moved from the time of its sets to the moment.
-            away = np.hypot(late_frames(self._plan, axis, times), IN_SETS)
-            moved = np.float32(away) * motion.velocity_sigma_px[axis]
-            results["sigma"][...] = np.hypot(results["sigma"], moved)
+        if axis in motion.path_sigma_px:
+            # The coordinate is moved from the times of its sets to the moment.
+            results["sigma"][...] = np.hypot(results["sigma"], motion.path_sigma_px[axis])
         self._tracked[axis] = self._next, results["coordinate"]
         # Frames are moved back, so that some pixels would be seen beyond the border.
         if motion.flow_px is not None:

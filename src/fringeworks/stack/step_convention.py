@@ -81,6 +81,11 @@ def convention(decoding: Decoding, lines: Lines) -> Convention | None:
     offset, wave = _fitted(phases, lines)
     signed, lit = _bits(gray, lines, offset, np.abs(wave))
     row, column, place, coordinate, direction = _borders(gray, signed, lit)
+    # Pixels that come from outside of a moved frame have no phase.
+    known = np.isfinite(wave[row, column]) & np.isfinite(wave[row, column + 1])
+    row, column, place, coordinate, direction = (
+        one[known] for one in (row, column, place, coordinate, direction)
+    )
     left, right = wave[row, column], wave[row, column + 1]
     along = np.angle(right * np.conj(left)) * direction
     runs = float(np.mean(np.sign(along))) if along.size else 0.0

@@ -1,0 +1,181 @@
+"""Motion that cycles do not resolve: it is estimated from all frames, or stands in σ and is named."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+import fringeworks as fw
+from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, equal_steps
+from fringeworks.stack.kernel_settings import decoding_of
+from fringeworks.stack.motion_evidence import missing_turns, turn_weights
+from fringeworks.stack.step_convention import convention
+
+pytestmark = pytest.mark.statistical
+
+WIDTH, HEIGHT = 640, 400
+SHAPE = (72, 108)
+TURN = 2.0 * np.pi
+
+
+def steps(period, count):
+    return PhaseSteps("x", period, equal_steps(count))
+
+
+FOUR = PatternPlan(WIDTH, HEIGHT, (steps(640.0, 4), steps(80.0, 4), steps(16.0, 4)))
+GRAY = PatternPlan(
+    WIDTH,
+    HEIGHT,
+    (
+        GrayCode("x", 8.0, WIDTH, offset_px=-4.0),
+        steps(16.0, 4),
+        Uniform("white"),
+        Uniform("black"),
+    ),
+)
+ORDERS = {"hierarchical": FOUR, "gray": GRAY}
+
+
+def still_px():
+    """Projector columns of a bent surface at rest."""
+    v, u = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+    return 200.0 + 1.3 * u + 0.2 * v + 4.0 * np.sin(u / 25.0)
+
+
+def photographed(plan, moved_px, count, seed, noise=1.0):
+    """Frames of a surface that moves along the projector, each the mean of nine times."""
+    rng = np.random.default_rng(seed)
+    rest = still_px()
+    paint = 0.6 + 0.3 * np.sin(np.arange(SHAPE[1]) / 9.0)
+    patterns = [(block, k) for block in plan.blocks for k in range(block.frames)]
+    frames = []
+    for frame in range(count):
+        block, k = patterns[frame % plan.frames]
+        times = frame + 0.8 * (np.arange(9) / 8.0 - 0.5)
+        light = np.mean([block.values(rest + moved_px(t), k) for t in times], axis=0)
+        counts = 15.0 + 190.0 * paint * light + noise * rng.standard_normal(SHAPE)
+        frames.append(np.clip(np.rint(counts), 0, 255).astype(np.uint8))
+    return frames
+
+
+def measured(plan, moved_px, seed=0, every=None):
+    """Errors over σ of the moments with a cycle to both sides, their errors, and all findings."""
+    n = plan.frames
+    frames = photographed(plan, moved_px, 4 * n, seed)
+    normal, errors, findings = [], [], []
+    for moment in fw.stack.decode_sequence(frames, plan, every=every or n // 2):
+        if not n <= moment.first_frame <= 2 * n:
+            continue
+        found = moment.decoded.x
+        off = found.coordinate_px - still_px() - moved_px(moment.time_frames)
+        normal.append((off / found.sigma_px)[np.isfinite(off)])
+        errors.append(off[np.isfinite(off)])
+        assert np.isfinite(off).mean() > 0.9
+        findings += [f for f in moment.decoded.findings if f.kind == "motion between frames"]
+    return np.concatenate(normal), np.concatenate(errors), findings
+
+
+def sine(amplitude, period, start=0.6):
+    return lambda t: amplitude * np.sin(TURN * t / period + start)
+
+
+def stops(velocity, first, last):
+    return lambda t: velocity * (np.clip(t, first, last) - first)
+
+
+def test_a_vibration_that_repeats_with_the_cycles_is_found_and_named():
+    normal, errors, findings = measured(FOUR, sine(1.0, 12.0))
+    assert np.mean(np.abs(normal) < 2.0) > 0.9
+    assert np.sqrt(np.mean(errors**2)) < 0.2
+    (period,) = {round(finding.figures["period_frames"]) for finding in findings}
+    assert period == 12
+    assert "a vibration with a period of 12" in findings[0].causes[0]
+    assert "take 4 times as many frames per second" in findings[0].advice
+
+
+def test_a_repeating_vibration_beside_a_gray_code_is_covered():
+    normal, _, findings = measured(GRAY, sine(1.0, 13.0), seed=3, every=13)
+    assert np.mean(np.abs(normal) < 2.0) > 0.9
+    assert findings
+
+
+MOTIONS = {
+    "repeats": lambda n: sine(1.0, n),
+    "nearly repeats": lambda n: sine(0.9, 0.93 * n, 0.2),
+    "period of 1.5 cycles": lambda n: sine(1.0, 1.5 * n),
+    "period of 3 cycles": lambda n: sine(1.5, 3.0 * n, 1.0),
+    "two periods in a cycle": lambda n: sine(0.5, 0.5 * n, 1.3),
+    "starts and stops": lambda n: stops(0.5, 1.3 * n, 2.4 * n),
+}
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("orders", ORDERS)
+def test_motion_within_cycles_is_covered(motion, orders):
+    plan = ORDERS[orders]
+    normal, _, _ = measured(plan, MOTIONS[motion](plan.frames), seed=3)
+    assert np.mean(np.abs(normal) < 2.0) > 0.9
+    assert np.mean(np.abs(normal) > 5.0) < 300e-6
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("orders", ORDERS)
+def test_still_scenes_have_no_motion(orders, seed):
+    plan = ORDERS[orders]
+    frames = photographed(plan, lambda _: 0.0, 4 * plan.frames, seed)
+    for moment in fw.stack.decode_sequence(frames, plan, every=plan.frames):
+        assert not [f for f in moment.decoded.findings if f.kind == "motion between frames"]
+        found = moment.decoded.x
+        assert np.isfinite(found.coordinate_px).mean() > 0.99
+        # It adds less than two per cent.
+        assert np.median(moment.motion.path_sigma_px["x"] / found.sigma_px) < 0.2
+
+
+@pytest.mark.parametrize("orders", ORDERS)
+def test_many_still_scenes_have_no_motion(orders):
+    for seed in range(100, 120):
+        test_still_scenes_have_no_motion(orders, seed)
+
+
+@pytest.mark.parametrize("count", [4, 5, 7])
+def test_residuals_tell_velocity_and_curvature(count):
+    block = steps(16.0, count)
+    times = np.arange(count) - 0.5 * (count - 1)
+    path = 0.25 * times + 0.04 * times**2
+    samples = [
+        (100.0 + 80.0 * np.cos(TURN * (still_px() + d) / 16.0 - shift)).astype(np.float32)
+        for d, shift in zip(path, block.shifts_rad, strict=True)
+    ]
+    known = [np.zeros(SHAPE, np.float32)] * count
+    _, missing, variances = missing_turns(samples, block, known, 1.0)
+    expected = turn_weights(block.shifts_rad) @ path
+    np.testing.assert_allclose(expected, (0.25, 0.04), atol=1e-9)
+    for seen, true in zip(missing, expected, strict=True):
+        assert np.median(np.abs(seen - true)) < 0.005
+    assert all((variance > 0).all() for variance in variances)
+
+
+def test_pixels_without_phase_do_not_hide_the_start_of_the_steps():
+    """Frames that are moved back have pixels that come from outside of the image."""
+    frames = [f[None, 30].astype(np.float32) for f in photographed(GRAY, lambda _: 0.0, 13, 0)]
+    (first, _), *_ = GRAY.phase_sets("x")
+    for k in range(first, first + 4):
+        frames[k][:, 40:44] = np.nan
+    found = convention(decoding_of(GRAY, "x", absolute=True, response=None), frames)
+    assert found.borders > 5
+    assert abs(found.start_turns) < 0.03
+
+
+@lru_cache(maxsize=1)
+def three_steps():
+    return PatternPlan(WIDTH, HEIGHT, (steps(640.0, 3), steps(80.0, 3), steps(16.0, 3)))
+
+
+def test_three_steps_follow_slower_vibrations():
+    """They leave no residuals: only the sets of successive cycles tell the motion."""
+    still = [np.zeros(SHAPE, np.float32)] * 3
+    assert missing_turns(still, steps(16.0, 3), still, 1.0)[1:] == ([], [])
+    normal, _, _ = measured(three_steps(), sine(1.0, 27.0))
+    assert np.mean(np.abs(normal) < 2.0) > 0.9

@@ -151,6 +151,7 @@ def _anything(name):
     """A thing of the writer's kind, where it needs one before it looks at the path."""
     return {
         "write_plan": PLAN,
+        "write_flash_images": PLAN,
         "write_patterns": PLAN,
         "write_stack": [],
         "write_frame": np.zeros((4, 5), np.uint8),

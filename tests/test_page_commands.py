@@ -16,6 +16,7 @@ pytestmark = pytest.mark.system
 
 ELSEWHERE = {
     "fringeworks studio ": "serves a page until it is ended: tests/test_studio.py",
+    "fringeworks serve ": "serves until it is ended: tests/test_service.py",
     "fringeworks setup ": "wants devices: tests/test_walk.py",
     "fringeworks scan ": "wants devices: tests/test_walk.py, tests/test_turntable_scan.py",
     "fringeworks paper ": "takes a minute: tests/test_examples.py",

@@ -9,13 +9,11 @@ import numpy as np
 from fringeworks.devices.clock import clock_of
 from fringeworks.devices.protocols import Camera, Grab, LineCamera
 from fringeworks.devices.sequencer import SequenceProjector
+from fringeworks.scan.fast import MAX_ROUNDS
 from fringeworks.scan.saturation import SaturationGuard
 from fringeworks.scan.taking import Picture
 from fringeworks.types import CameraSettings, DeviceProblem, InputError
 
-MAX_ROUNDS = 6
-"""Times that a sequence is played until every picture has its frames. With 5 % of the frames lost,
-all of 20 pictures are there after four rounds with 99.99 % probability."""
 MOST_LOST = 0.2
 """Largest share of pulses without a frame that counts as a loss, 0…1. A camera that is too slow for
 the pulses misses every second one, or more."""

@@ -86,6 +86,9 @@ FAINT = 4.0
 """Slope of the modulation's logarithm, in standard deviations, below which a pixel is no edge: six
 of 100,000 exceed it by noise."""
 
+PIXEL_PX2 = 1.0 / 12.0
+"""Variance of the light over the area of a pixel, px²."""
+
 FEWEST_EDGES = 5
 """Smallest number of edges that bound the blur."""
 
@@ -184,9 +187,7 @@ def remove_blur_shift(
     vanish on smooth surfaces. σ contains the error of v, and the noise of ln B.
     """
     stride, slope = -(-coordinate.size // SAMPLED), np.empty(coordinate.shape, np.float32)
-    # The noise of ln B is that of the phase, of its slope over 2 px a root of two less.
-    usual = median(sigma[np.isfinite(sigma)]) if np.isfinite(sigma).any() else 0.0
-    shift_of = _shift_by(fringes, faint=FAINT * TURN / fringes["period_px"] * usual / 2.0**0.5)
+    shift_of = _shift_by(fringes, faint=_faint(sigma, fringes))
     turned = Light(light.modulation.T, light.background.T)
     both = ((coordinate, sigma, light), (coordinate.T, sigma.T, turned))
     lines = [Lines.across(*maps, stride) for maps in both if maps[0].shape[0] > 2 * FITTED]
@@ -217,9 +218,13 @@ def cover_blur_shift(
     """Add to σ, in place, the shift by a blur of which only the largest variance is known.
 
     Every variance up to ``most_px2`` is as likely: the mean square of the shift is a third of that
-    by the largest. The other parameters are those of ``remove_blur_shift``.
+    by the largest. Shades that change by less than noise from pixel to pixel are left out. The
+    other parameters are those of ``remove_blur_shift``.
     """
-    shift, _ = _shift_by(fringes)(coordinate, sigma, light)
+    shift_of = _shift_by(fringes, faint=_faint(sigma, fringes))
+    shift, _ = shift_of(coordinate, sigma, light)
+    # Slopes that half of the largest shift is taken out of.
+    shift, _ = shift_of(coordinate - np.float32(0.5 * most_px2) * shift, sigma, light)
     np.hypot(sigma, np.float32(most_px2 / 3.0**0.5) * shift, out=sigma)
 
 
@@ -256,6 +261,14 @@ def _shift_by(fringes: Fringes, *, faint: float = 0.0) -> ShiftOf:
         return shift, told
 
     return shift_of
+
+
+def _faint(sigma: FloatMap, fringes: Fringes) -> float:
+    """Slope of a logarithm of light below which a pixel is no edge, from the usual noise: that of
+    ln B is that of the phase, of its slope over 2 px a root of two less."""
+    known = sigma[np.isfinite(sigma)]
+    usual = median(known) if known.size else 0.0
+    return float(FAINT * TURN / fringes["period_px"] * usual / 2.0**0.5)
 
 
 def _shift_along(fringes: Fringes) -> ShiftOf:
@@ -315,6 +328,31 @@ def most_blur(light: Light, sigma: FloatMap, **fringes: Unpack[Fringes]) -> floa
         return 0.0
     sharpest = min(quantile(share, SHARPEST), SHARPEST_RISE)
     return float(NormalDist().inv_cdf(0.5 * (1.0 + sharpest)) ** -2)
+
+
+def most_blur_by_contrast(
+    coordinate: FloatMap, periods_px: list[float], modulations: list[FloatMap]
+) -> float:
+    """Largest variance of the camera's blur that the contrast of the finest fringes allows, px²;
+    infinite where no coarser ones show theirs.
+
+    Blur of variance v in the camera leaves exp(−2π² v |∇u|² / p²) of the contrast of fringes of
+    period p. The projector's own blur may take the rest, and the area of a pixel is always blur.
+    """
+    finest, coarsest = int(np.argmin(periods_px)), int(np.argmax(periods_px))
+    p, q = periods_px[finest], periods_px[coarsest]
+    if q <= p or coordinate.shape[1] <= 2 * SLOPE_REACH:
+        return float("inf")
+    rise = np.abs(_central(coordinate, SLOPE_REACH))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lost = np.log(modulations[coarsest] / modulations[finest])
+    seen = np.isfinite(rise) & np.isfinite(lost) & (rise > 0.0) & (rise < STEEPEST * p)
+    if np.count_nonzero(seen) < FEWEST:
+        return float("inf")
+    per_px2 = 0.5 * TURN**2 * (p**-2 - q**-2) * median(rise[seen]) ** 2
+    usual = median(lost[seen])
+    error = median(np.abs(lost[seen] - usual)) / NORMAL_MEDIAN / np.count_nonzero(seen) ** 0.5
+    return max(PIXEL_PX2, (usual + SIGNIFICANT * error) / per_px2)
 
 
 def _log(modulation: FloatMap) -> FloatMap:

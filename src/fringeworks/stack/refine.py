@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 from fringeworks.patterns.order_chain import GRAY_REACH, TURN
 from fringeworks.stack import words
 from fringeworks.stack.decoded_sample import decode_by_gray_code, decode_sample
-from fringeworks.stack.edges import Light, fringes_of, has_steps, line_shift, line_sigma, most_blur
+from fringeworks.stack.edges import (
+    Light,
+    fringes_of,
+    has_steps,
+    line_shift,
+    line_sigma,
+    most_blur,
+    most_blur_by_contrast,
+)
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import SEAM_SIGMAS, Decoding, PhaseFrames
 from fringeworks.stack.line_profile import with_line_floor
@@ -142,15 +150,16 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     decoding = replace(decoding, noise_factor=factor * errors.noise_factor)
     seen = any(ripple is not None and ripple.repeated for ripple in ripples)
     found = Refined(decoding, tuple(findings), errors.ratio, uneven, response_seen=seen)
-    return _compared(found, decode_sample(decoding, lines, known.noise, known.limits))
+    return _compared(found, decode_sample(decoding, lines, known.noise, known.limits), lines)
 
 
-def _compared(found: Refined, maps: dict[str, Any]) -> Refined:
+def _compared(found: Refined, maps: dict[str, Any], lines: list[NDArray[Any]]) -> Refined:
     """What was found, with what neighbours along the lines show."""
     decoding, findings = found.decoding, found.findings
     coordinate, sigma, light = maps["coordinate"], maps["sigma"], Light.of(maps)
     fringes = fringes_of(decoding)
-    most_blur_px2 = most_blur(light, sigma, **fringes)
+    by_contrast = most_blur_by_contrast(coordinate, *_contrasts(decoding, maps, lines))
+    most_blur_px2 = min(most_blur(light, sigma, **fringes), by_contrast)
     blur = line_shift(coordinate, sigma, light, **fringes)
     pull = _pull(decoding, coordinate if blur is None else coordinate - blur)
     pull_px = 0.0 if pull is None else RIPPLE_FACTOR * pull.rms_px
@@ -176,6 +185,21 @@ def _compared(found: Refined, maps: dict[str, Any]) -> Refined:
         steps=has_steps(maps["coordinate"], **fringes),
         votes=worth_voting(decoding, maps),
     )
+
+
+def _contrasts(
+    decoding: Decoding, maps: dict[str, Any], lines: list[NDArray[Any]]
+) -> tuple[list[float], list[FloatMap]]:
+    """Periods of the sets, and the contrast of each along lines; an infinite one stands for the
+    cells of a Gray code, most of which are wider than any blur."""
+    periods, contrasts = [s.period_px for s in decoding.sets], [*maps["modulations"]]
+    if decoding.gray is not None:
+        gray = [
+            lines[decoding.frames.index(k)] for k in (*decoding.gray.bits, *decoding.gray.inverse)
+        ]
+        swing = np.max(gray, axis=0).astype(np.float32) - np.min(gray, axis=0)
+        periods, contrasts = [*periods, float("inf")], [*contrasts, 0.5 * swing]
+    return periods, contrasts
 
 
 def _with_line_scatter(

@@ -214,7 +214,7 @@ def missing_turns(
     unit = block.period_px / TURN
     shape = samples[0].shape
     turned = list(turned_rad)
-    blocks = (-(-shape[0] // BLOCK), -(-shape[1] // BLOCK))
+    blocks = _grid(shape)
     missing = [np.zeros(blocks, np.float32) for _ in range(SHAPES)]
     for _ in range(PASSES):
         wave, more, variances = _regressed(samples, block, turned, noise)
@@ -328,12 +328,24 @@ def _residual_projector(shifts_rad: tuple[float, ...]) -> NDArray[np.float64]:
 
 
 def _blocks(values: FloatMap) -> FloatMap:
-    """The pixels of each block along a last axis; the image's edges are repeated."""
-    height, width = values.shape
-    rows, columns = -(-height // BLOCK), -(-width // BLOCK)
-    padded = np.pad(values, ((0, rows * BLOCK - height), (0, columns * BLOCK - width)), mode="edge")
-    blocks = padded.reshape(rows, BLOCK, columns, BLOCK).swapaxes(1, 2)
+    """The pixels of each block along a last axis. What is left of the image at its end belongs to
+    none: the repeated pixels of an edge, which motion may have left behind, would outweigh it."""
+    rows, columns = _grid(values.shape)
+    inside = _sized(values, (rows * BLOCK, columns * BLOCK))
+    blocks = inside.reshape(rows, BLOCK, columns, BLOCK).swapaxes(1, 2)
     return np.asarray(blocks.reshape(rows, columns, -1))
+
+
+def _grid(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Rows and columns of whole blocks, one at least."""
+    return max(1, shape[0] // BLOCK), max(1, shape[1] // BLOCK)
+
+
+def _sized(values: FloatMap, shape: tuple[int, int]) -> FloatMap:
+    """A map that is cut, or goes on with its last rows and columns."""
+    inside = values[: shape[0], : shape[1]]
+    missing = ((0, shape[0] - inside.shape[0]), (0, shape[1] - inside.shape[1]))
+    return np.pad(inside, missing, mode="edge") if np.any(missing) else inside
 
 
 def lit_by(frames: Planes, plan: PatternPlan) -> FloatMap:
@@ -380,4 +392,4 @@ def whole(blocks: FloatMap, shape: tuple[int, int]) -> FloatMap:
     rows, columns = blocks.shape
     size = (columns * BLOCK, rows * BLOCK)
     large = cv2.resize(blocks.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
-    return np.asarray(large[: shape[0], : shape[1]])
+    return _sized(np.asarray(large), shape)

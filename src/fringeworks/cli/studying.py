@@ -99,13 +99,20 @@ def _write_report(path: Path, title: str, found: Any) -> None:
     from fringeworks.types import made_by
 
     chapter = chapter_of(found, Context(title))
+    line = isinstance(found, fw.evaluate.GaugeLinearity)
     said = {
-        "pass": "PASS: the gauge is accepted.",
-        "fail": "FAIL: the gauge is not accepted.",
-        "undecided": "UNDECIDED: the figures alone do not accept or refuse the gauge.",
+        "pass": "no significant bias" if line else "the gauge is accepted",
+        "fail": "the bias is significant" if line else "the gauge is not accepted",
+        "undecided": "the bias is not on a line" if line else "the use of the gauge decides",
     }[found.verdict]
     origin = made_by("study", options={"title": title})
-    write_page(path, title, [chapter], origin, verdict=Verdict(found.verdict, said))
+    write_page(
+        path,
+        title,
+        [chapter],
+        origin,
+        verdict=Verdict(found.verdict, f"{found.verdict.upper()}: {said}."),
+    )
 
 
 def _summary(table: Path) -> Path:

@@ -141,6 +141,16 @@ def test_what_is_no_table_of_a_study_is_refused(tmp_path, rows, head, options, s
     assert said in run("study", place, *options, code=2)
 
 
+def test_tables_of_excel_are_read(tmp_path):
+    text = "part;operator;value\na;Jürgen;1,5\na;Jürgen;1,7\n"
+    for encoding in ("cp1252", "utf-8-sig", "utf-16"):
+        place = tmp_path / f"{encoding}.csv"
+        place.write_bytes(text.encode(encoding))
+        known = read_study(place, "value")
+        assert known.values.tolist() == [1.5, 1.7]
+        assert known.operators == ("Jürgen", "Jürgen")
+
+
 def test_any_bytes_are_a_table_or_a_sentence(tmp_path):
     good = "\n".join(["part,value", *(f"{k % 3},{k}" for k in range(9))]).encode()
     said = []

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks.files.atomic import StrPath
-from fringeworks.files.csv_table import COMMENTS, SEPARATORS
-from fringeworks.files.limits import existing_file, parsing, read_content, text_of, told
+from fringeworks.files.csv_table import COMMENTS, SEPARATORS, decoded
+from fringeworks.files.limits import existing_file, parsing, read_content, told
 from fringeworks.types import FileProblem, FloatMap, Frozen, InputError
 
 NAMES_SHOWN = 12
@@ -72,7 +72,7 @@ def read_study(
     place = existing_file(path, "a table (CSV)")
     content = read_content(place, "a table")
     with parsing(place, "a table (CSV)"):
-        rows, decimal = _rows(text_of(content))
+        rows, decimal = _rows(decoded(content))
         if names is not None:
             rows = [row | _fields(row, names) for row in rows]
         values = _numbers(rows, quantity, decimal)

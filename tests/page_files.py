@@ -233,6 +233,16 @@ def on_robot(folder: Path) -> None:
     (folder / "poses.csv").write_text("\n".join(rows))
 
 
+def trials(folder: Path) -> None:
+    """A table of ten parts, three operators and two trials; captures of two parts by two people."""
+    rng = np.random.default_rng(48)
+    rows = ["part,operator,length"]
+    for k, length in enumerate(rng.normal(20.0, 0.05, 10)):
+        rows += [f"P{k},{who},{v:.4f}" for who in "ABC" for v in rng.normal(length, 0.003, 2)]
+    (folder / "trials.csv").write_text("\n".join(rows))
+    inspected(*(f"trials/{p}_{o}_{t}" for p in ("P0", "P1") for o in "AB" for t in (1, 2)))(folder)
+
+
 FILES: dict[str, tuple[Callable[[Path], None], ...]] = {
     "README.md": (models, inspected("part"), board_in("board")),
     "batch.md": (inspected("line/part-0", "line/part-1"),),
@@ -256,6 +266,7 @@ FILES: dict[str, tuple[Callable[[Path], None], ...]] = {
     "robot.md": (on_robot, bust_in("part")),
     "sequences.md": (followed,),
     "stacks.md": (bust_in("shots"), four_steps),
+    "study.md": (trials,),
 }
 """What a page's commands take; pages of methods take a pair."""
 

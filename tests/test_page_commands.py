@@ -41,6 +41,7 @@ LONG = (
     "rig.md",
     "sequences.md",
     "stacks.md",
+    "study.md",
 )
 """Pages that calibrate, compare many methods, or start workers."""
 

@@ -26,6 +26,17 @@ from .spots import (
     Spot as Spot,
     find_spots as find_spots,
 )
+from .gauge_anova import (
+    GaugeComponent as GaugeComponent,
+    GaugeStudy as GaugeStudy,
+    gauge_study as gauge_study,
+)
+from .gauge_bias import (
+    GaugeLinearity as GaugeLinearity,
+    GaugeType1 as GaugeType1,
+    gauge_linearity as gauge_linearity,
+    gauge_type1 as gauge_type1,
+)
 from .vibrations import (
     AreaTracker as AreaTracker,
     Displacement as Displacement,

@@ -143,7 +143,7 @@ def read_csv(path: Path) -> CsvTable:
     """
     content = read_content(path, "a table")
     with parsing(path, "a table (CSV)"):
-        lines = [line for line in _decoded(content).splitlines() if line.strip()]
+        lines = [line for line in decoded(content).splitlines() if line.strip()]
         start = next((k for k, x in enumerate(lines) if not x.startswith(COMMENTS)), len(lines))
         head, rows = lines[:start], lines[start:]
         if not rows:
@@ -163,7 +163,7 @@ def read_csv(path: Path) -> CsvTable:
         return CsvTable(kind, details, names, len(first), _rows_of(rows, separator), separator)
 
 
-def _decoded(content: bytes) -> str:
+def decoded(content: bytes) -> str:
     """The text; Excel on Windows writes the code page 1252 unless asked for UTF-8."""
     try:
         return text_of(content)

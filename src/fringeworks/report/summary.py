@@ -17,8 +17,8 @@ def summarise(result: object) -> dict[str, Any]:
     ----------
     result : Reconstruction, Measurement, Decoded, WrappedPhase, LightSeparation, Calibration,
         MultiCalibration, RigCheck, PlaneCalibration, PixelCalibration, Response, FormEvaluation,
-        Inspection, Deviation, HeightMap, PointCloud, Points, TriangleMesh, MultiMeasurement or
-        SetupTests
+        Inspection, Deviation, HeightMap, PointCloud, Points, TriangleMesh, MultiMeasurement,
+        SetupTests, GaugeStudy, GaugeType1 or GaugeLinearity
 
     Returns
     -------

@@ -140,3 +140,18 @@ def test_known_pictures_prove_that_nothing_is_late(late):
     seen = (1 - part) * levels[low] + part * levels[np.minimum(low + 1, len(levels) - 1)]
     frames = [200 * v + 10 + rng.standard_normal((64, 80)) for v in seen]
     assert (proof_trace(frames) is None) == (late == 0.0)
+
+
+def test_rows_in_the_dark_show_no_trace():
+    """A body in a few rows: where nothing is lit, noise is common to both sides of the fit."""
+    rng = np.random.default_rng(8)
+    lit = np.zeros((300, 400))
+    lit[100:180, 120:260] = 1.0
+
+    def frame(level):
+        return 5.0 + 120.0 * level * lit + rng.normal(0.0, 1.0, lit.shape)
+
+    assert trace_of(frame(1.0), frame(1.0), frame(0.2), gain=False) is None
+    mixed = trace_of(frame(0.7), frame(1.0), frame(0.0), gain=False)
+    assert mixed is not None
+    assert mixed.share == pytest.approx(0.3, abs=0.03)

@@ -103,7 +103,7 @@ def measure(
     started = time.perf_counter()
     if depth is not None:
         options.setdefault("absolute", not repeats(plan))
-    found = decoded_exposures(stacks, options)
+    found = decoded_exposures(stacks, {"keep_blur": _sharpened(rig.rig, blur_px), **options})
     with found_before(found.findings):
         if depth is not None:
             found = depth.resolve(found)
@@ -143,6 +143,11 @@ def _for_stack(rig: Rig | Triangulator | StrPath, stack: Stack) -> Triangulator:
     return Triangulator(rig_for_region(known, stack.region))
 
 
+def _sharpened(rig: Rig, blur_px: float | None) -> bool:
+    """Whether a known blur is removed from the points, so that decoding leaves it to them."""
+    return rig.blur is not None if blur_px is None else blur_px > 0.0
+
+
 def _without_blur(
     points: PointCloud, rig: Rig, blur_px: float | None, found: Decoded, axis: Axis | None
 ) -> PointCloud:
@@ -154,7 +159,11 @@ def _without_blur(
         blur_px,
         axis=next(iter(used)) if len(used) == 1 else None,
         period_px={a: m.periods_px for a, m in used.items() if m.periods_px},
-        removed_px={a: found.details.get(a, {}).get("removed_blur_px", 0.0) for a in used},
+        # Without blur, points stay where decoding has put them.
+        removed_px={
+            a: found.details.get(a, {}).get("removed_blur_px", 0.0) if blur_px != 0.0 else 0.0
+            for a in used
+        },
         modulation={a: m.modulation for a, m in used.items()},
     )
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks.scan.delay import SHARE_SIGMAS, VISIBLE_SHARE
 from fringeworks.scan.differences import compared
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN
 
 ROW_BANDS = 8
 """Bands of rows that are judged by themselves, because a rolling shutter exposes rows at different
@@ -18,6 +19,12 @@ times, and liquid crystals change from the top to the bottom."""
 PROOF_LEVELS = (0.0, 1.0, 0.0, 0.0, 1.0)
 """Known pictures before a scan: black after white, black after black, and white after black. Frames
 that are late by a part of a picture's time, or by one or more pictures, differ from this order."""
+
+CLEAR = 6.0
+"""Smallest difference of two pictures at a pixel that is compared, over the noise of a difference:
+the noise of ``wanted``, which is in both sides, then changes a share by 1.4 %."""
+FEWEST = 30
+"""Smallest number of such pixels of a band that is judged."""
 
 
 class Trace(NamedTuple):
@@ -59,16 +66,24 @@ def trace_of(
 
     Notes
     -----
-    Least squares of ``frame`` = g ``wanted`` + c (``before`` − ``wanted``) in each band.
+    Least squares of ``frame`` = g ``wanted`` + c (``before`` − ``wanted``) in each band, over the
+    pixels at which the pictures differ by far more than noise. Where they do not, as beside a body
+    in the dark, the noise of ``wanted`` alone would look like a share of one half.
     """
     one, known, old = (compared(pixels).astype(np.float64) for pixels in (frame, wanted, before))
     stride = -(-frame.shape[0] // one.shape[0])
     edges = np.linspace(0, one.shape[0], min(ROW_BANDS, one.shape[0]) + 1).astype(int)
     found: Trace | None = None
+    off = np.diff(one - known, axis=1)
+    noise = np.median(np.abs(off)) / NORMAL_MEDIAN / 2.0**0.5
+    clear = np.abs(old - known) > CLEAR * noise
     for first, last in pairwise(edges.tolist()):
-        T, change = known[first:last].ravel(), (old - known)[first:last].ravel()
+        used = clear[first:last]
+        if np.count_nonzero(used) < FEWEST:
+            continue
+        T, change = known[first:last][used], (old - known)[first:last][used]
         design = np.column_stack((change, T)) if gain else change[:, None]
-        share, sigma = _share(design, one[first:last].ravel() - (0.0 if gain else T))
+        share, sigma = _share(design, one[first:last][used] - (0.0 if gain else T))
         if abs(share) < max(VISIBLE_SHARE, SHARE_SIGMAS * sigma):
             continue
         if found is None or abs(share) > abs(found.share):

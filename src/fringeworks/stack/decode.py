@@ -70,6 +70,7 @@ def decode(
     estimate_response: bool = False,
     keep_phases: bool = False,
     remove_isolated: bool = True,
+    keep_blur: bool = False,
     out: Decoded | None = None,
 ) -> Decoded:
     """Decode the projector coordinate of every camera pixel, with its standard deviation.
@@ -110,6 +111,9 @@ def decode(
     remove_isolated : bool
         Whether to set pixels to NaN, with ``ISOLATED``, whose coordinate fits no surface through
         their neighbours. Most of them see two depths, at an edge.
+    keep_blur : bool
+        Whether to keep the shift that the camera's blur makes at edges of brightness, for
+        ``surface.remove_blur``, which knows the blur better: from the rig.
     out : Decoded, optional
         An earlier result of the same size. Its maps are overwritten and returned, which saves the
         time for new memory in live measurement.
@@ -170,6 +174,7 @@ def decode(
         {},
         keep_phases=keep_phases,
         remove_isolated=remove_isolated,
+        keep_blur=keep_blur,
         out=out,
     )
     with saturation_first(findings.findings):
@@ -220,6 +225,7 @@ def measured(
     keep_phases: bool,
     remove_isolated: bool,
     out: Decoded | None,
+    keep_blur: bool = False,
 ) -> Decoded:
     """Decode judged frames along all axes.
 
@@ -235,7 +241,8 @@ def measured(
         measure_axis(axis_planes, found, findings, results, kernels[axis])
         if remove_isolated and axis not in typical_px:
             typical_px[axis] = typical_step(found, results)
-        blur_px = compare_neighbours(found, results, typical_px=typical_px.get(axis))
+        typical = typical_px.get(axis)
+        blur_px = compare_neighbours(found, results, typical_px=typical, keep_blur=keep_blur)
         details[axis] = findings.details[axis] | {"removed_blur_px": blur_px}
         maps[axis] = coordinate_map(found.decoding, results, keep_phases)
     return Decoded(
@@ -290,19 +297,21 @@ def compare_neighbours(
     results: dict[str, Any],
     *,
     typical_px: float | None,
+    keep_blur: bool = False,
 ) -> float:
     """Remove the shift by blur and isolated pixels, and let σ cover the scatter of the others.
 
-    ``typical_px`` is the typical difference of neighbours; None keeps isolated pixels. Returns the
+    ``typical_px`` is the typical difference of neighbours; None keeps isolated pixels, as
+    ``keep_blur`` keeps the shift. Returns the
     blur whose shift was removed, camera px.
     """
     decoding = found.decoding
     coordinate, sigma = results["coordinate"], results["sigma"]
     fringes, blur_px = fringes_of(decoding), 0.0
     light = Light.of(results)
-    if found.blurred:
+    if found.blurred and not keep_blur:
         blur_px = remove_blur_shift(coordinate, sigma, light, **fringes)
-    if blur_px == 0.0 and found.most_blur_px2 > 0.0:
+    if blur_px == 0.0 and found.most_blur_px2 > 0.0 and not keep_blur:
         cover_blur_shift(coordinate, sigma, light, found.most_blur_px2, **fringes)
     if typical_px is not None:
         maps = (coordinate, sigma, results["reason"])

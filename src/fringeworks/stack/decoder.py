@@ -308,6 +308,7 @@ class Decoder:
             self._typical_px,
             keep_phases=keeps_phases,
             remove_isolated=options.get("remove_isolated", True),
+            keep_blur=options.get("keep_blur", False),
             out=None if keeps_phases else self._decoded,
         )
         judged = self._since == 0

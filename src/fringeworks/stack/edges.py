@@ -196,7 +196,7 @@ def remove_blur_shift(
         return 0.0
     variance, error = found
     shift, _ = _shift_by(fringes)(coordinate, sigma, light, slope)
-    for _ in range(PASSES - 2):
+    for _ in range(PASSES):
         again, _ = shift_of(coordinate - np.float32(variance) * shift, sigma, light)
         np.copyto(shift, again, where=again != 0.0)
     # The modulation of equal steps has the relative noise of the phase, its difference over 2 px

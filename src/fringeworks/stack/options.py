@@ -21,3 +21,4 @@ class DecodeOptions(TypedDict, total=False):
     estimate_response: bool
     keep_phases: bool
     remove_isolated: bool
+    keep_blur: bool

@@ -428,7 +428,7 @@ impl Surface<'_> {
             let (y, x) = (y as isize - k as isize * dy, x as isize - k as isize * dx);
             let inside =
                 (0..self.height as isize).contains(&y) && (0..self.width as isize).contains(&x);
-            inside.then_some(y as usize * self.width + x as usize)
+            inside.then(|| y as usize * self.width + x as usize)
         };
         let Some(i) = at(0) else { return };
         let square = |k: usize| self.sigma[k] * self.sigma[k];

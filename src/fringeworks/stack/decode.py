@@ -308,11 +308,12 @@ def compare_neighbours(
     decoding = found.decoding
     coordinate, sigma = results["coordinate"], results["sigma"]
     fringes, blur_px = fringes_of(decoding), 0.0
-    light = Light.of(results)
-    if found.blurred and not keep_blur:
-        blur_px = remove_blur_shift(coordinate, sigma, light, **fringes)
-    if blur_px == 0.0 and found.most_blur_px2 > 0.0 and not keep_blur:
-        cover_blur_shift(coordinate, sigma, light, found.most_blur_px2, **fringes)
+    if not keep_blur and (found.blurred or found.most_blur_px2 > 0.0):
+        light = Light.of(results)
+        if found.blurred:
+            blur_px = remove_blur_shift(coordinate, sigma, light, **fringes)
+        if blur_px == 0.0 and found.most_blur_px2 > 0.0:
+            cover_blur_shift(coordinate, sigma, light, found.most_blur_px2, **fringes)
     if typical_px is not None:
         maps = (coordinate, sigma, results["reason"])
         _core.mark_isolated(*maps, typical=typical_px, repeats=decoding.repeats_px)

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from fringeworks.devices.dlpc900 import DlpStatus
 from fringeworks.devices.hid_link import HidDevice, HidLink, open_hid
-from fringeworks.devices.protocols import Closing, checked_picture
-from fringeworks.devices.sequencer import LEDS, SequenceSettings, least_exposure
+from fringeworks.devices.protocols import checked_picture
+from fringeworks.devices.sequencer import LEDS, SequenceSettings, Timed, least_exposure
 from fringeworks.files.plan import PLAN_FILE, read_plan
 from fringeworks.patterns.binary import PLANES
 from fringeworks.patterns.encode import encode
@@ -78,7 +78,7 @@ HARDWARE = {
 """Meaning of the bits of the hardware status that say an error (DLPU010, section 2.1.1)."""
 
 
-class Dlpc350(Closing):
+class Dlpc350(Timed):
     """A projector with the controller DLPC350, which plays the pictures of a plan from its flash.
 
     Parameters
@@ -161,26 +161,6 @@ class Dlpc350(Closing):
     def size_px(self) -> tuple[int, int]:
         """Columns and rows of the micromirror device."""
         return SIZE_PX
-
-    @property
-    def bits(self) -> int:
-        """Depth of the pictures."""
-        return self.settings.bits
-
-    @property
-    def refresh_s(self) -> float:
-        """Time from one picture to the next, s."""
-        return self.settings.period_s
-
-    @property
-    def period_s(self) -> float:
-        """Time from one picture to the next, s."""
-        return self.settings.period_s
-
-    @property
-    def lit_s(self) -> tuple[float, float]:
-        """Times after the pulse at which its picture begins and ends, s."""
-        return self.settings.lit_s
 
     def portions(self, numbers: Sequence[int]) -> list[list[int]]:
         """Numbers of pictures that can be played without a pause for the flash."""

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from fringeworks.devices.dlp_image import encoded
 from fringeworks.devices.hid_link import HidDevice, HidLink, Refused, open_hid
-from fringeworks.devices.protocols import Closing, checked_picture
-from fringeworks.devices.sequencer import LEDS, SequenceSettings, least_exposure
+from fringeworks.devices.protocols import checked_picture
+from fringeworks.devices.sequencer import LEDS, SequenceSettings, Timed, least_exposure
 from fringeworks.patterns.binary import PLANES, packed
 from fringeworks.types import DeviceProblem, InputError
 
@@ -90,7 +90,7 @@ class DlpStatus:
     """Errors of the hardware, a sentence each; empty where there are none."""
 
 
-class Dlpc900(Closing):
+class Dlpc900(Timed):
     """A projector with the controller DLPC900, which plays pictures from its memory.
 
     Parameters
@@ -164,26 +164,6 @@ class Dlpc900(Closing):
     def size_px(self) -> tuple[int, int]:
         """Columns and rows of the micromirror device."""
         return self._size_px
-
-    @property
-    def bits(self) -> int:
-        """Depth of the pictures."""
-        return self.settings.bits
-
-    @property
-    def refresh_s(self) -> float:
-        """Time from one picture to the next, s."""
-        return self.settings.period_s
-
-    @property
-    def period_s(self) -> float:
-        """Time from one picture to the next, s."""
-        return self.settings.period_s
-
-    @property
-    def lit_s(self) -> tuple[float, float]:
-        """Times after the pulse at which its picture begins and ends, s."""
-        return self.settings.lit_s
 
     def portions(self, numbers: Sequence[int]) -> list[list[int]]:
         """Numbers of pictures in the portions that its memory holds at a time."""

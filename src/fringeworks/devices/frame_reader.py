@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.devices.protocols import Closing
 from fringeworks.types import DeviceProblem
 
 T = TypeVar("T")
@@ -255,3 +256,21 @@ class FrameReader:
                 answer, _ = self._jobs.get()
                 answer.set_exception(DeviceProblem(f"{self._name}: {problem}"))
             self._changed.notify_all()
+
+
+class FromReader(Closing):
+    """Mix-in of cameras whose frames a reader takes, in ``_reader``."""
+
+    _reader: FrameReader
+
+    def waiting(self) -> int:
+        """Number of frames that have arrived and were not returned yet."""
+        return self._reader.waiting()
+
+    def discard(self) -> None:
+        """Throw away all frames that have arrived."""
+        self._reader.discard()
+
+    def close(self) -> None:
+        """End the thread and release the camera; again without effect."""
+        self._reader.close()

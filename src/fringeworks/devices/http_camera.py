@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fringeworks.devices.frame_reader import FrameReader
-from fringeworks.devices.protocols import CameraLimits, Closing, Grab
+from fringeworks.devices.frame_reader import FrameReader, FromReader
+from fringeworks.devices.protocols import CameraLimits, Grab
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, Region
 
 FORMAT = "Mono8"
@@ -195,7 +195,7 @@ class HttpSource:
         return line
 
 
-class HttpCamera(Closing):
+class HttpCamera(FromReader):
     """A camera with an address on the network, such as an IP camera or an app on a phone.
 
     Parameters
@@ -276,18 +276,6 @@ class HttpCamera(Closing):
         if read.image is not None and whole:
             grey = grey_of(read.image)
         return Grab(grey, read.host_s, None, read.number, whole)
-
-    def waiting(self) -> int:
-        """Number of frames that have arrived and were not returned yet."""
-        return self._reader.waiting()
-
-    def discard(self) -> None:
-        """Throw away all frames that have arrived."""
-        self._reader.discard()
-
-    def close(self) -> None:
-        """End the thread and the connection; again without effect."""
-        self._reader.close()
 
 
 def grey_of(image: NDArray[Any]) -> NDArray[np.uint8]:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.devices.frame_reader import FrameReader
+from fringeworks.devices.frame_reader import FrameReader, FromReader
 from fringeworks.devices.http_camera import grey_of
-from fringeworks.devices.protocols import CameraLimits, Closing, Grab
+from fringeworks.devices.protocols import CameraLimits, Grab
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, MissingPackage, Region
 
 FORMAT = "Mono8"
@@ -113,7 +113,7 @@ class PiSource:
         self._camera.close()
 
 
-class RaspberryCamera(Closing):
+class RaspberryCamera(FromReader):
     """A camera on a Raspberry Pi.
 
     Parameters
@@ -227,18 +227,6 @@ class RaspberryCamera(Closing):
         read = self._reader.take(timeout_s)
         assert read.image is not None
         return Grab(grey_of(read.image[..., ::-1]), read.host_s, None, read.number)
-
-    def waiting(self) -> int:
-        """Number of frames that have arrived and were not returned yet."""
-        return self._reader.waiting()
-
-    def discard(self) -> None:
-        """Throw away all frames that have arrived."""
-        self._reader.discard()
-
-    def close(self) -> None:
-        """End the thread and release the camera; again without effect."""
-        self._reader.close()
 
 
 def _decibel(gain: float) -> float:

@@ -8,7 +8,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 
 from numpy.typing import NDArray
 
-from fringeworks.devices.protocols import Projector
+from fringeworks.devices.protocols import Closing, Projector
 from fringeworks.types import DeviceProblem, InputError, check_fields, finite, whole
 
 LONGEST_US = 2**24 - 1
@@ -132,6 +132,32 @@ def settings_of(words: str, kind: str) -> tuple[str, SequenceSettings]:
         return which, replace(settings, **changed)
     except InputError as error:
         raise DeviceProblem(f"{kind}: {error}") from error
+
+
+class Timed(Closing):
+    """Mix-in of projectors that play as their ``settings`` say."""
+
+    settings: SequenceSettings
+
+    @property
+    def bits(self) -> int:
+        """Depth of the pictures."""
+        return self.settings.bits
+
+    @property
+    def refresh_s(self) -> float:
+        """Time from one picture to the next, s."""
+        return self.settings.period_s
+
+    @property
+    def period_s(self) -> float:
+        """Time from one picture to the next, s."""
+        return self.settings.period_s
+
+    @property
+    def lit_s(self) -> tuple[float, float]:
+        """Times after the pulse at which its picture begins and ends, s."""
+        return self.settings.lit_s
 
 
 @runtime_checkable

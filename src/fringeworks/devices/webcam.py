@@ -13,9 +13,9 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.devices.frame_reader import FrameReader
+from fringeworks.devices.frame_reader import FrameReader, FromReader
 from fringeworks.devices.pixel_formats import Channel
-from fringeworks.devices.protocols import CameraLimits, Closing, Grab
+from fringeworks.devices.protocols import CameraLimits, Grab
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, Region
 from fringeworks.types.packages import need_opencv
 
@@ -55,7 +55,7 @@ EXPOSURES = {
 """Backends whose unit of exposure is known, by OpenCV's names."""
 
 
-class WebcamCamera(Closing):
+class WebcamCamera(FromReader):
     """A webcam, or a video file for trials.
 
     Parameters
@@ -157,18 +157,6 @@ class WebcamCamera(Closing):
             r = self._region
             grey = grey[r.y_px : r.y_px + r.height_px, r.x_px : r.x_px + r.width_px]
         return Grab(grey, read.host_s, None, read.number, read.image is not None)
-
-    def waiting(self) -> int:
-        """Number of frames that have arrived and were not returned yet."""
-        return self._reader.waiting()
-
-    def discard(self) -> None:
-        """Throw away all frames that have arrived."""
-        self._reader.discard()
-
-    def close(self) -> None:
-        """End the thread and release the camera; again without effect."""
-        self._reader.close()
 
     def _check(self, settings: CameraSettings) -> None:
         if settings.exposure_ms is not None and self._backend not in EXPOSURES:

@@ -83,6 +83,8 @@ def results():
         for p in fw.encode(multi((1, 18), 4, (300, 40)))
     ]
     found.append(fw.decode([m.astype(np.uint8) for m in mixed], multi((1, 18), 4, (300, 40))))
+    moments = fw.stack.decode_sequence([*frames, *take(plan, seed=1)], plan, every=4)
+    found += [moment.decoded for moment in moments]
     stream = fw.stack.StreamingDecoder(plan)
     for frame in frames:
         stream.add(frame)

@@ -17,6 +17,7 @@ __all__ = [
     "DecodeSettings",
     "Triangles",
     "Triangulation",
+    "add_residual_chi",
     "area_means",
     "average_phasor",
     "blur_shift",
@@ -25,6 +26,7 @@ __all__ = [
     "decode_frames",
     "decompose_rows",
     "edge_rings",
+    "fit_moving",
     "fit_samples",
     "fitted_inside",
     "form_distances",
@@ -54,6 +56,7 @@ __all__ = [
     "smooth_within_walls",
     "third_chi_squares",
     "trimmed_variance",
+    "turn_back",
     "typical_step",
     "unwrap_reliability",
     "version",
@@ -290,6 +293,60 @@ def raise_factors(
     scale: _Scale,
     limits: _ScatterLimits,
 ) -> None: ...
+
+class _Shown(TypedDict):
+    design: NDArray[np.float32]
+    """(n, 3): what every frame shows of A, c and s."""
+    solver: NDArray[np.float32]
+    """(3, n): what A, c and s take from every frame."""
+    harmonics: NDArray[np.float32]
+    """(n, 2K): what every frame shows of B cos kφ and B sin kφ."""
+    orders: Sequence[int]
+    """The K orders k, rising from 2."""
+
+class _SampleScatter(TypedDict):
+    dark: float
+    """Variance of a sample at the brightness 0, counts²."""
+    gain: float
+    floor: float
+    """What a squared modulation adds to the variance."""
+    saturation: float
+    most: float
+    """Largest χ² per degree of freedom that counts."""
+
+def add_residual_chi(
+    planes: Sequence[NDArray[Any]],
+    shown: _Shown,
+    scatter: _SampleScatter,
+    lit: NDArray[np.bool_],
+    sums: tuple[NDArray[np.float32], NDArray[np.float32]],
+) -> None:
+    """Add the χ² of the residuals of a set, and its degrees of freedom, to sums of both."""
+
+class _Angles(TypedDict):
+    turned: Sequence[NDArray[np.float32]]
+    """Angle by which the phase of every frame has turned, in units of ``per_unit``."""
+    per_unit: float
+    """Radians of a unit."""
+    shifts: Sequence[float]
+    """Shift of every frame, rad."""
+
+def fit_moving(
+    samples: Sequence[NDArray[np.float32]], angles: _Angles
+) -> tuple[
+    NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]
+]:
+    """A, c, s and the squared residuals of a set whose phase turns."""
+
+def turn_back(
+    samples: Sequence[NDArray[np.float32]],
+    angles: _Angles,
+    cosine: NDArray[np.float32],
+    sine: NDArray[np.float32],
+    kept: NDArray[np.bool_],
+) -> None:
+    """Turn the samples of a set back, in place, but for marked pixels."""
+
 def pack_vertices(
     xyz: NDArray[np.float32],
     sigma: NDArray[np.float32],

@@ -1,8 +1,10 @@
-//! Bindings of the tests that neighbouring coordinates are judged by: isolated pixels, and scatter.
+//! Bindings of the tests that neighbouring pixels are judged by: isolated ones, scatter, residuals.
 
-use crate::rows::{image_of, image_of_mut};
+use crate::decode::{Frames, planes_of, with_planes};
+use crate::rows::{image_of, image_of_mut, rows_of, rows_of_mut};
 use crate::threads::detached;
 use fringeworks::isolated::{self, Smooth};
+use fringeworks::residual_chi::{self, Judged, Totals};
 use fringeworks::scatter;
 use numpy::{PyReadonlyArray2, PyReadwriteArray2};
 use pyo3::prelude::*;
@@ -77,5 +79,58 @@ pub fn raise_factors(
     };
     detached(py, || {
         scatter::raise_factors(coordinate, sigma, scale, limits, factors)
+    })
+}
+
+/// What the frames of a set show, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Shown<'py> {
+    design: PyReadonlyArray2<'py, f32>,
+    solver: PyReadonlyArray2<'py, f32>,
+    harmonics: PyReadonlyArray2<'py, f32>,
+    orders: Vec<u32>,
+}
+
+/// Variances of samples and limits on them, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Scatter {
+    dark: f32,
+    gain: f32,
+    floor: f32,
+    saturation: f32,
+    most: f32,
+}
+
+/// Add the χ² of the residuals of a set to sums of it and of its degrees of freedom.
+#[pyfunction]
+pub fn add_residual_chi<'py>(
+    py: Python<'py>,
+    planes: Frames<'py>,
+    shown: Shown<'py>,
+    scatter: Scatter,
+    lit: PyReadonlyArray2<'py, bool>,
+    sums: (PyReadwriteArray2<'py, f32>, PyReadwriteArray2<'py, f32>),
+) -> PyResult<()> {
+    let (mut square, mut freedom) = sums;
+    let judged = Judged {
+        design: rows_of(&shown.design)?,
+        solver: rows_of(&shown.solver)?,
+        harmonics: rows_of(&shown.harmonics)?,
+        orders: &shown.orders,
+        dark: scatter.dark,
+        gain: scatter.gain,
+        floor: scatter.floor,
+        saturation: scatter.saturation,
+        most: scatter.most,
+    };
+    let totals = Totals {
+        lit: rows_of(&lit)?,
+        square: rows_of_mut(&mut square)?,
+        freedom: rows_of_mut(&mut freedom)?,
+    };
+    with_planes!(&planes, planes => {
+        detached(py, || residual_chi::add_residual_chi(&planes, judged, totals))
     })
 }

@@ -10,6 +10,7 @@ mod form;
 mod inverse;
 mod isolated;
 mod measure;
+mod moving;
 mod png;
 mod rig;
 mod rows;
@@ -42,9 +43,11 @@ mod _core {
     #[pymodule_export]
     use super::inverse::{invert_rows, row_extrema};
     #[pymodule_export]
-    use super::isolated::{mark_isolated, raise_factors, typical_step};
+    use super::isolated::{add_residual_chi, mark_isolated, raise_factors, typical_step};
     #[pymodule_export]
     use super::measure::measure_points;
+    #[pymodule_export]
+    use super::moving::{fit_moving, turn_back};
     #[pymodule_export]
     use super::png::read_grey_png;
     #[pymodule_export]

@@ -7,15 +7,17 @@ variances of every pixel are raised to what its neighbourhood shows.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from fringeworks import _core
 from fringeworks._lazy import scipy
-from fringeworks.stack.fits import harmonic_noise, harmonic_parts
-from fringeworks.stack.frames import Planes
+from fringeworks.stack.fits import HARMONICS, harmonic_noise
+from fringeworks.stack.frames import Planes, in_bands
 from fringeworks.stack.kernel_settings import Decoding, Limits, lit_pixels
-from fringeworks.types import BoolMap, CameraNoise, FloatMap
+from fringeworks.types import CameraNoise, FloatMap
 
 NEIGHBOURHOOD = 5
 """Side of the neighbourhood that errors are averaged in, px.
@@ -32,9 +34,6 @@ MOST = 100.0
 
 Single pixels with huge errors, such as edges, would otherwise spoil all their neighbours.
 """
-
-ROWS = 64
-"""Rows of the frames that residuals are computed for at once, to save memory."""
 
 
 def inflation(
@@ -69,9 +68,9 @@ def inflation(
         known = lit & np.isfinite(maps["disagreement"])
         square[known] += np.minimum(maps["disagreement"][known], MOST * (sets - 1))
         freedom[known] += sets - 1
-    for top in range(0, len(lit), ROWS):
-        part = slice(top, top + ROWS)
-        _add_residuals(planes, decoding, part, (noise, limits), (square, freedom, lit))
+    limited = (noise, limits)
+    sums = {"square": square, "freedom": freedom, "lit": lit}
+    in_bands(planes, sums, partial(_add_residuals, decoding, limited))
     count = NEIGHBOURHOOD**2 * scipy.ndimage.uniform_filter(freedom, NEIGHBOURHOOD)
     total = NEIGHBOURHOOD**2 * scipy.ndimage.uniform_filter(square, NEIGHBOURHOOD)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -82,35 +81,38 @@ def inflation(
 
 
 def _add_residuals(
-    planes: Planes,
     decoding: Decoding,
-    part: slice,
     known: tuple[CameraNoise, Limits],
-    sums: tuple[FloatMap, FloatMap, BoolMap],
+    planes: Planes,
+    sums: dict[str, Any],
 ) -> None:
     """Add the χ² of the residuals of sets with four or more steps, and its degrees of freedom."""
     noise, limits = known
-    square, freedom, lit = sums
     for phases in decoding.sets:
         steps = len(phases.frames)
         if steps < 4:
             continue
-        places = [decoding.frames.index(k) for k in phases.frames]
-        values = np.stack([planes[k][part] for k in places]).astype(np.float32)
         design = np.array(phases.rows, np.float32)
-        values[~np.isfinite(values)] = np.nan
-        fitted = np.tensordot(np.linalg.pinv(design), values, axes=1)
-        residual = values - np.tensordot(design, fitted, axes=1)
+        shares = np.array(phases.harmonics, np.float32).reshape(steps, -1)
+        factor = decoding.noise_factor
         if phases.harmonics:
-            shares = np.array(phases.harmonics, np.float32)
-            residual -= np.tensordot(shares, harmonic_parts(fitted), axes=1)
-        variance = decoding.noise_factor * noise.variance(fitted[0])
-        if phases.harmonics:
-            variance *= harmonic_noise(phases.harmonics)
-        # The floor is a phase error: it moves the samples by its share of the modulation.
-        variance += 0.5 * phases.floor_rad**2 * (fitted[1] ** 2 + fitted[2] ** 2)
-        with np.errstate(invalid="ignore"):
-            chi = np.sum(residual**2, axis=0) / variance
-        usable = lit[part] & (values < limits.saturation).all(axis=0) & np.isfinite(chi)
-        square[part] += np.where(usable, np.minimum(chi, MOST * (steps - 3)), 0.0)
-        freedom[part] += np.where(usable, steps - 3, 0)
+            factor *= harmonic_noise(phases.harmonics)
+        _core.add_residual_chi(
+            [planes[decoding.frames.index(k)] for k in phases.frames],
+            {
+                "design": design,
+                "solver": np.linalg.pinv(design),
+                "harmonics": shares,
+                "orders": HARMONICS if phases.harmonics else (),
+            },
+            {
+                "dark": factor * noise.read_counts**2,
+                "gain": factor * noise.gain,
+                # The floor is a phase error: it moves the samples by its share of the modulation.
+                "floor": 0.5 * phases.floor_rad**2,
+                "saturation": limits.threshold,
+                "most": MOST,
+            },
+            sums["lit"],
+            (sums["square"], sums["freedom"]),
+        )

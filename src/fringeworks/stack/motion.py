@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fringeworks import _core
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
 from fringeworks.stack.frames import Planes
@@ -33,11 +34,6 @@ NEAREST_PX = 0.1
 BRIGHTEST = 3.0
 """Largest |I − A| of a Gray-code pixel, in modulations B of the fringes, that is still taken for a
 bit. Blur weakens fringes more than bits, but rarely to a third."""
-ROWS = 16
-"""Rows that are fitted at once: what a fit keeps of them stays in the processor's cache."""
-DEGENERATE = 1e-2
-"""Smallest determinant of a fit over that of equal steps. Below, the motion of the fringes undoes
-the steps, and the samples do not determine a phase."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -95,7 +91,10 @@ def late_frames(plan: PatternPlan, axis: Axis, times: Sequence[float] | None = N
 
 
 def fit_moving(
-    samples: Sequence[FloatMap], shifts_rad: Sequence[float], turned_rad: Sequence[FloatMap]
+    samples: Sequence[FloatMap],
+    shifts_rad: Sequence[float],
+    turned: Sequence[FloatMap],
+    per_unit: float = 1.0,
 ) -> tuple[FloatMap, FloatMap, FloatMap, FloatMap]:
     """Fit a set of steps whose phase has turned by a known angle in each frame.
 
@@ -104,8 +103,10 @@ def fit_moving(
     samples : N (h, w) float32 arrays, counts
     shifts_rad : N floats
         Shifts δ_n, rad.
-    turned_rad : N (h, w) float32 arrays
-        Angles θ_n by which the phase has turned, rad.
+    turned : N (h, w) float32 arrays
+        Angles θ_n by which the phase has turned, in units of ``per_unit``.
+    per_unit : float
+        Radians of a unit.
 
     Returns
     -------
@@ -113,38 +114,14 @@ def fit_moving(
     NaN where the samples do not determine them.
     square : (h, w) float32 array, sum of the squared residuals, counts²
     """
-    found: FloatMap = np.empty((4, *samples[0].shape), np.float32)
-    for top in range(0, found.shape[1], ROWS):
-        part = slice(top, top + ROWS)
-        found[:, part] = _fit_rows(
-            [a[part] for a in samples], shifts_rad, [a[part] for a in turned_rad]
-        )
-    background, c, s, square = found
-    return background, c, s, square
+    return _core.fit_moving(list(samples), _angles(shifts_rad, turned, per_unit))
 
 
-def _fit_rows(
-    samples: Sequence[FloatMap], shifts_rad: Sequence[float], turned_rad: Sequence[FloatMap]
-) -> tuple[FloatMap, FloatMap, FloatMap, FloatMap]:
-    """As ``fit_moving``, of some rows."""
-    n = len(samples)
-    mean = sum(samples[1:], samples[0].copy()) / np.float32(n)
-    waves = [_waves(shift, turned) for shift, turned in zip(shifts_rad, turned_rad, strict=True)]
-    c1, s1 = (sum(w[k] for w in waves) / np.float32(n) for k in (0, 1))
-    cc = cs = ss = p = q = square = np.zeros_like(mean)
-    for sample, (cosine, sine) in zip(samples, waves, strict=True):
-        cosine, sine, rest = cosine - c1, sine - s1, sample - mean
-        cc, cs, ss = cc + cosine * cosine, cs + cosine * sine, ss + sine * sine
-        p, q, square = p + cosine * rest, q + sine * rest, square + rest * rest
-    determinant = np.asarray(cc * ss - cs * cs)
-    determinant[determinant < DEGENERATE * (0.5 * n) ** 2] = np.nan
-    c, s = (p * ss - q * cs) / determinant, (q * cc - p * cs) / determinant
-    return mean - c1 * c - s1 * s, c, s, np.asarray(square - c * p - s * q)
-
-
-def _waves(shift: float, turned: FloatMap) -> tuple[FloatMap, FloatMap]:
-    angle = np.float32(shift) - turned
-    return np.cos(angle), np.sin(angle)
+def _angles(
+    shifts_rad: Sequence[float], turned: Sequence[FloatMap], per_unit: float
+) -> _core._Angles:
+    """The angles of a set for the kernels."""
+    return {"turned": list(turned), "per_unit": per_unit, "shifts": list(shifts_rad)}
 
 
 def warped(frame: NDArray[Any], flow_px: FloatMap | None, time: float) -> FloatMap:
@@ -219,23 +196,18 @@ def taken_out(
     finest: dict[Axis, tuple[float, FloatMap, FloatMap]] = {}
     for first, block in phase_sets(plan):
         part = slice(first, first + block.frames)
-        per_px = np.float32(TURN / block.period_px)
-        turned = [motion.moved_px(block.axis, t) * per_px for t in times[part]]
-        background, c, s, _ = fit_moving(still[part], block.shifts_rad, turned)
+        per_px = TURN / block.period_px
+        moved = [motion.moved_px(block.axis, t) for t in times[part]]
+        background, c, s, _ = fit_moving(still[part], block.shifts_rad, moved, per_px)
         if block.period_px < finest.get(block.axis, (np.inf,))[0]:
             finest[block.axis] = block.period_px, background, c + 1j * s
         lost = _lost(frames[part], still[part], saturation)
-        for sample, shift, angle in zip(still[part], block.shifts_rad, turned, strict=True):
-            cosine, sine = _waves(shift, angle)
-            moved = c * (np.float32(np.cos(shift)) - cosine)
-            moved += s * (np.float32(np.sin(shift)) - sine)
-            moved[lost] = 0.0
-            sample += moved
+        _core.turn_back(still[part], _angles(block.shifts_rad, moved, per_px), c, s, lost)
     for first, code in plan.placed:
         if isinstance(code, GrayCode):
             for k in range(first, first + code.frames):
-                moved = motion.moved_px(code.axis, times[k])
-                still[k] = _code_moved_back(still[k], moved, *finest[code.axis])
+                away = motion.moved_px(code.axis, times[k])
+                still[k] = _code_moved_back(still[k], away, *finest[code.axis])
     return still
 
 

@@ -207,9 +207,9 @@ class _Pair:
                 late = late_frames(self.plan, block.axis)
                 times = [start + k - middle - late for k in part]
                 there = motion.moved_px(block.axis, float(np.mean(times)))
-                per_px = np.float32(TURN / block.period_px)
-                turned = [(motion.moved_px(block.axis, t) - there) * per_px for t in times]
-                level, c, s, left = fit_moving(samples, block.shifts_rad, turned)
+                moved = [motion.moved_px(block.axis, t) - there for t in times]
+                per_px = TURN / block.period_px
+                level, c, s, left = fit_moving(samples, block.shifts_rad, moved, per_px)
                 phases.append(np.arctan2(s, c) / np.float32(TURN))
                 background += np.float32(block.frames / self.samples) * level
                 square += left

@@ -50,6 +50,9 @@ MOST_CONTRADICTING = 2
 nothing is measured then."""
 FEWEST_CYCLES = 2
 """Cycles of the plan that a sequence needs: motion shows between two of them."""
+JUDGED_CYCLES = 0.5
+"""Distance of the moments whose frames are judged anew, cycles of the plan. Two such moments have
+all frames of those between, which need no judgement of their own where both agree with the plan."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -136,6 +139,17 @@ def decode_sequence(
     yield from decoder.finish()
 
 
+@dataclass(frozen=True)
+class _Still:
+    """The frames of a moment as of a scene that stands still."""
+
+    planes: Planes
+    lit: PatternPlan
+    """The plan whose frames they are."""
+    motion: Motion
+    """What was taken out."""
+
+
 def check_every(every: int) -> None:
     """Refuse distances of moments that are no whole number of frames."""
     if isinstance(every, bool) or not isinstance(every, int | np.integer) or every < 1:
@@ -186,6 +200,12 @@ class SequenceDecoder:
         """The last coordinates, and the first frame of their moment."""
         self._judgement: tuple[int, Judgement] | None = None
         """The last one that agreed with the plan, and the first frame of its moment."""
+        self._between = (-1, -1)
+        """First frames of two moments that are judged; those between take the nearer judgement."""
+        self._ends: dict[int, Judgement | None] = {}
+        """The judgements of both; None where the frames contradict the plan."""
+        self._ready: dict[int, _Still] = {}
+        """Frames of moments to come that were judged."""
 
     @property
     def _count(self) -> int:
@@ -267,7 +287,7 @@ class SequenceDecoder:
     def _moments(self, last: int) -> Iterator[Moment]:
         """Decode the moments up to that whose first frame is ``last``; forget what is done."""
         while self._next <= last:
-            yield self._moment(self._next)
+            yield self._moment(self._next, last)
             self._next += self._every
         cycle = self._plan.frames
         # The next pair of cycles begins with the last whole one.
@@ -276,18 +296,13 @@ class SequenceDecoder:
             self._frames.popleft()
             self._base += 1
 
-    def _moment(self, start: int) -> Moment:
-        cycle = self._plan.frames
-        middle = start + 0.5 * (cycle - 1)
-        order = self._nearest(middle)
-        motion = self._track.at(start, order)
-        planes = [self._frames[k - self._base] for k in order]
-        times = [k - middle for k in order]
-        planes = taken_out(planes, times, self._plan, motion, self._limits.saturation)
-        planes, lit = with_light(planes, self._plan)
-        judged, agrees = self._latest(planes, lit, start)
+    def _moment(self, start: int, last: int) -> Moment:
+        judged, agrees = self._judgement_of(start, last)
+        still = self._still(start)
+        del self._ready[start]
+        motion = still.motion
         maps = {
-            axis: self._map(axis, planes, judged, motion if agrees else None)
+            axis: self._map(axis, still.planes, judged, motion if agrees else None)
             for axis in self._plan.axes
         }
         velocity = {
@@ -301,7 +316,20 @@ class SequenceDecoder:
             findings=(*judged.findings, *self._unsteady(maps, motion)),
             details=judged.details,
         )
+        middle = start + 0.5 * (self._plan.frames - 1)
         return Moment(decoded, replace(motion, velocity_px=velocity), middle, start)
+
+    def _still(self, start: int) -> _Still:
+        """The frames of a moment without their motion; kept until its map is made."""
+        if start not in self._ready:
+            middle = start + 0.5 * (self._plan.frames - 1)
+            order = self._nearest(middle)
+            motion = self._track.at(start, order)
+            planes = [self._frames[k - self._base] for k in order]
+            times = [k - middle for k in order]
+            planes = taken_out(planes, times, self._plan, motion, self._limits.saturation)
+            self._ready[start] = _Still(*with_light(planes, self._plan), motion)
+        return self._ready[start]
 
     def _unsteady(self, maps: dict[Axis, CoordinateMap], motion: Motion) -> list[Finding]:
         """Findings about motion that the frames do not tell."""
@@ -325,14 +353,46 @@ class SequenceDecoder:
             order += [turn * cycle + first + k for k in range(block.frames)]
         return order
 
-    def _latest(self, planes: Planes, lit: PatternPlan, start: int) -> tuple[Judgement, bool]:
+    def _judgement_of(self, start: int, last: int) -> tuple[Judgement, bool]:
         """The judgement of a moment, and whether its frames agree with the plan.
+
+        ``last`` is the first frame of the last moment whose motion is known.
+        """
+        if start > self._between[1]:
+            first = self._between[1] if start - self._every == self._between[1] else start
+            reach = max(int(JUDGED_CYCLES * self._plan.frames) // self._every, 1) * self._every
+            ahead = (last - first) // self._every * self._every
+            self._between = first, first + min(reach, ahead)
+            self._ends = {k: found for k, found in self._ends.items() if k == first}
+        for end in self._between:
+            if end not in self._ends:
+                self._ends[end] = self._quietly(end)
+        found = [self._ends[end] for end in self._between]
+        first, after = self._between
+        nearer = found[start - first > after - start]
+        if None in (found if first < start < after else [nearer]):
+            return self._latest(start)
+        assert nearer is not None
+        self._judgement = start, nearer
+        return nearer, True
+
+    def _quietly(self, start: int) -> Judgement | None:
+        """The judgement of a moment; None where its frames contradict the plan."""
+        try:
+            still = self._still(start)
+            return self._judged(still.planes, still.lit)
+        except FramesContradictPlan:
+            return None
+
+    def _latest(self, start: int) -> tuple[Judgement, bool]:
+        """The own judgement of a moment, and whether its frames agree with the plan.
 
         Where they do not, as when something crosses the scene, it is the last one. Frames that
         contradict the plan for longer are others than those expected: one was lost.
         """
         try:
-            judged = self._judged(planes, lit)
+            still = self._still(start)
+            judged = self._judged(still.planes, still.lit)
         except FramesContradictPlan as error:
             longest = MOST_CONTRADICTING * self._plan.frames
             if self._judgement is None or start - self._judgement[0] > longest:

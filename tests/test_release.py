@@ -263,3 +263,16 @@ def test_a_platform_without_a_wheel_and_a_failed_run_are_said():
     page = platforms.page({"fringeworks-0.7.0-cp311-abi3-manylinux_2_28_x86_64.whl": one})
     assert "| loads libfoo.so | Python 3.11.2, Linux x86_64: broken promise |" in page
     assert page.count("not built yet") == len(platforms.PLATFORMS) - 1
+
+
+def test_the_bill_in_the_wheel_is_that_of_the_lock_file():
+    bills = script("bill_of_materials")
+    bill = json.loads(bills.KERNELS.read_text(encoding="utf-8"))
+    locked = tomllib.loads((ROOT / "Cargo.lock").read_text())["package"]
+    expected = {(p["name"], p["version"]) for p in locked if "source" in p}
+    found = {(c["name"], c["version"]) for c in bill["components"]}
+    assert found <= expected
+    assert {"pyo3", "rayon"} <= {name for name, _ in found}
+    assert all(c["licenses"][0]["license"]["name"] != "not stated" for c in bill["components"])
+    maturin = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["maturin"]["sbom"]
+    assert maturin == {"rust": False, "include": [str(bills.KERNELS.relative_to(ROOT))]}

@@ -27,8 +27,8 @@ ROOT = Path(__file__).parent.parent
 KEPT = ROOT / "release" / "platforms.json"
 PAGE = ROOT / "docs" / "platforms.md"
 PLATFORMS = {
-    "Linux x86-64, glibc 2.28 or later": ("manylinux", "x86_64"),
-    "Linux ARM, glibc 2.28 or later": ("manylinux", "aarch64"),
+    "Linux x86-64, glibc": ("manylinux", "x86_64"),
+    "Linux ARM, glibc": ("manylinux", "aarch64"),
     "Linux x86-64, musl 1.2": ("musllinux", "x86_64"),
     "Linux ARM, musl 1.2": ("musllinux", "aarch64"),
     "macOS, Apple processors": ("macosx", "arm64"),

@@ -276,3 +276,15 @@ def test_the_bill_in_the_wheel_is_that_of_the_lock_file():
     assert all(c["licenses"][0]["license"]["name"] != "not stated" for c in bill["components"])
     maturin = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["maturin"]["sbom"]
     assert maturin == {"rust": False, "include": [str(bills.KERNELS.relative_to(ROOT))]}
+
+
+def test_pages_say_what_they_were_last_tried_with():
+    found = tomllib.loads((ROOT / "docs" / "tried.toml").read_text(encoding="utf-8"))
+    assert found["version"] == fringeworks.__version__
+    pages = [page for one in found["tried"] for page in one["pages"]]
+    assert len(pages) == len(set(pages))
+    for one in found["tried"]:
+        assert all((ROOT / "docs" / page).exists() for page in one["pages"]), one["pages"]
+        assert all((ROOT / "tests" / name).exists() for name in one["tests"]), one["tests"]
+        assert one["tests"]
+    assert {page.name for page in (ROOT / "docs").glob("hour-*.md")} <= set(pages)

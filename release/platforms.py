@@ -75,7 +75,7 @@ def call(command: list[str], env: dict[str, str] | None = None) -> tuple[bool, s
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         return False, str(error)
-    lines = (done.stdout + done.stderr).strip().splitlines()
+    lines = (done.stdout.strip() or done.stderr.strip()).splitlines()
     return done.returncode == 0, lines[-1] if lines else ""
 
 

@@ -13,10 +13,13 @@ COPY src src
 RUN /tools/bin/maturin build --release --locked --out /wheels
 
 FROM python:3.11-slim-bookworm
-COPY constraints.txt /tmp/constraints.txt
+# What the extra "service" needs, with hashes; then the wheel alone.
+COPY requirements/hashed-service.txt /tmp/hashed.txt
 COPY --from=build /wheels /tmp/wheels
-RUN pip install --no-cache-dir --constraint /tmp/constraints.txt "$(ls /tmp/wheels/*.whl)[service]" \
-    && rm -rf /tmp/wheels /tmp/constraints.txt \
+RUN pip install --no-cache-dir --require-hashes --requirement /tmp/hashed.txt \
+    && pip install --no-cache-dir --no-index --no-deps /tmp/wheels/*.whl \
+    && pip check \
+    && rm -rf /tmp/wheels /tmp/hashed.txt \
     && useradd --create-home --uid 10001 scanner \
     && mkdir /data \
     && chown scanner /data

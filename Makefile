@@ -1,11 +1,12 @@
-# demo · unit · test · thorough · long · faults · fuzz · kills · check · bench · docs · gallery · screenshots · look · wheel · audit: the only entry points. Each makes its
-# own .venv and needs nothing but python3 (3.11 or later), cargo and make.
+# demo · unit · test · thorough · long · faults · fuzz · fuzz-guided · kills · check · bench · docs · pages · gallery · screenshots · look · wheel · again ·
+# platforms · pins · audit: the only entry points. Each makes its own .venv and needs nothing but python3 (3.11 or later), cargo and make.
 
 PYTHON ?= python3
 VENV := $(CURDIR)/.venv
 BENCH_VENV := $(CURDIR)/.venv-bench
 WHEEL_VENV := $(CURDIR)/.venv-wheel
 AUDIT_VENV := $(CURDIR)/.venv-audit
+RELEASE_VENV := $(CURDIR)/.venv-release
 BIN := $(VENV)/bin
 PIP := -m pip install --quiet --disable-pip-version-check
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
@@ -13,7 +14,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 RUST := Cargo.toml Cargo.lock $(shell find crates -name '*.rs' -o -name Cargo.toml)
 WORK ?=
 
-.PHONY: demo unit test thorough long faults fuzz kills check bench docs gallery clean screenshots look wheel audit
+.PHONY: demo unit test thorough long faults fuzz kills check bench docs gallery clean screenshots look wheel audit again platforms pins pages fuzz-guided
 
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
@@ -63,6 +64,12 @@ fuzz: $(VENV)/.built
 	cp target/debug/lib_core.so $(CHECKED)/fringeworks/_core.abi3.so
 	PYTHONPATH=$(CHECKED) FRINGEWORKS_KERNEL_CALLS=$(or $(KERNEL_CALLS),1000) $(BIN)/python -m pytest --timeout 7200 -W "ignore:fringeworks runs on a debug build:RuntimeWarning" tests/test_hostile_kernels.py
 
+# Damaged files that follow the branches of a reader (atheris), SECONDS_EACH seconds for each of READERS.
+READERS ?= cloud.ply cloud.pcd cloud.las map.x3p map.tif mesh.obj model.stl p.mat p.npz plan.toml rig.toml f/a.png
+fuzz-guided: $(VENV)/.built
+	$(BIN)/python $(PIP) atheris
+	for reader in $(READERS); do OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.fuzz_guided $$reader --seconds $(or $(SECONDS_EACH),60) || exit 1; done
+
 # Programs killed while they write, KILLS times in all.
 kills: $(VENV)/.built
 	SOURCE_DATE_EPOCH=0 OPENBLAS_NUM_THREADS=1 RAYON_NUM_THREADS=1 $(BIN)/python -W ignore::DeprecationWarning -m tests.kills --kills $(or $(KILLS),11500)
@@ -104,12 +111,35 @@ look: $(VENV)/.built
 # environment, so that neither cargo nor a compiler can help, and is tested there: by the quick layer, or with ALL=1 by the tests of `make test`.
 wheel: $(VENV)/.ready
 	rm -rf dist $(WHEEL_VENV)
-	VIRTUAL_ENV=$(VENV) $(BIN)/maturin build --release --locked --quiet --sdist --out dist
+	VIRTUAL_ENV=$(VENV) PATH=$(BIN):$$PATH $(BIN)/python release/build.py --sdist --out dist
 	$(PYTHON) -m venv $(WHEEL_VENV)
 	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python $(PIP) --only-binary :all: dist/*.whl
 	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python -I release/installed.py --most-mb 250
 	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python $(PIP) --only-binary :all: -r requirements/test.txt
 	$(TESTED) $(WHEEL_VENV)/bin/python -m pytest $(if $(ALL),$(OTHERS),$(UNIT)) tests
+
+# The wheel in dist/ once more, from a copy of the sources in another folder: the bytes must be equal.
+again: $(VENV)/.ready
+	VIRTUAL_ENV=$(VENV) PATH=$(BIN):$$PATH $(BIN)/python release/build.py --against dist/*.whl
+
+# What was built and what ran on each platform, as docs/platforms.md: the wheels in WHEELS are looked at, and installed into an empty
+# environment of each of PYTHONS; TARGETS are built first, with zig, and EMULATE runs Python of another machine, as in
+# EMULATE='aarch64=qemu-aarch64 -L /arm /arm/usr/bin/python3.11'.
+WHEELS ?= dist
+PYTHONS ?= $(PYTHON)
+platforms: $(RELEASE_VENV)/.ready
+	for target in $(TARGETS); do PATH=$(RELEASE_VENV)/bin:$$PATH $(RELEASE_VENV)/bin/python release/build.py --target $$target --out $(WHEELS) || exit 1; done
+	$(RELEASE_VENV)/bin/python release/platforms.py --wheels $(WHEELS) --pythons $(PYTHONS) $(if $(EMULATE),--emulate "$(EMULATE)")
+
+# requirements/hashed-*.txt from constraints.txt.
+pins: $(RELEASE_VENV)/.ready
+	PIP_CONSTRAINT= $(RELEASE_VENV)/bin/python release/pins.py
+
+# The documentation as one more version of a site that holds several, on the branch gh-pages: VERSION, and ALIAS as another name of it.
+pages: $(VENV)/.built
+	$(BIN)/python $(PIP) mike
+	PATH=$(BIN):$$PATH $(BIN)/mike deploy --update-aliases $(if $(PUSH),--push) $(VERSION) $(ALIAS)
+	PATH=$(BIN):$$PATH $(BIN)/mike set-default --allow-undefined $(if $(PUSH),--push) $(or $(ALIAS),latest)
 
 # Known weaknesses of what is installed and compiled, and a list of it in dist/. Says so and ends without error where no network
 # or no cargo-audit is at hand.
@@ -122,8 +152,13 @@ $(AUDIT_VENV)/.ready: constraints.txt
 	-$(AUDIT_VENV)/bin/python $(PIP) pip-audit
 	@touch $@
 
+$(RELEASE_VENV)/.ready: requirements/release.txt requirements/hashed-release.txt
+	$(PYTHON) -m venv $(RELEASE_VENV)
+	PIP_CONSTRAINT= $(RELEASE_VENV)/bin/python $(PIP) --require-hashes -r requirements/hashed-release.txt
+	@touch $@
+
 clean:
-	rm -rf $(VENV) $(BENCH_VENV) $(WHEEL_VENV) $(AUDIT_VENV) target site demo dist
+	rm -rf $(VENV) $(BENCH_VENV) $(WHEEL_VENV) $(AUDIT_VENV) $(RELEASE_VENV) target site demo dist
 
 $(VENV)/.ready: requirements/dev.txt requirements/test.txt constraints.txt
 	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) is missing: install Python 3.11 or later"; exit 1; }

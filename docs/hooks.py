@@ -2,12 +2,14 @@
 
 Equations stand between ``$…$`` or ``$$…$$``. They become MathML, which browsers draw themselves: no
 script and no network. The pages of the API are made from the stubs ``__init__.pyi``: one page for
-the top level, and one for each public submodule.
+the top level, and one for each public submodule. Pages that are tried end with a line that says
+with what, from tried.toml.
 """
 
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +79,18 @@ def with_equations(text: str) -> str:
     return "".join([*pieces, equations(text[last:])])
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Draw the equations of a page; docstrings keep theirs as text."""
-    return with_equations(markdown)
+def last_tried(name: str) -> str:
+    """The line that says what a page was last tried with; empty for pages that are not tried."""
+    found = tomllib.loads((ROOT / "docs" / "tried.toml").read_text(encoding="utf-8"))
+    for one in found["tried"]:
+        if name in one["pages"]:
+            return (
+                f"\n\n---\n\n*Last tried with fringeworks {found['version']} on {found['date']} "
+                f"({found['python']}): {one['with']}.*\n"
+            )
+    return ""
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Draw the equations of a page; docstrings keep theirs as text. Say what it was tried with."""
+    return with_equations(markdown) + last_tried(page.file.src_uri)

@@ -6,7 +6,10 @@ import importlib.metadata as metadata
 import re
 from dataclasses import dataclass
 
-from packaging.requirements import Requirement
+try:
+    from packaging.requirements import Requirement
+except ModuleNotFoundError:  # an environment of the default install has pip's own copy only
+    from pip._vendor.packaging.requirements import Requirement
 
 PERMISSIVE = (
     "MIT",

@@ -31,7 +31,7 @@ def steps() -> tuple[str, list[str], list[str]]:
     """The installation, the command and the health check of the image's last stage."""
     text = (ROOT / "Dockerfile").read_text(encoding="utf-8").replace("\\\n", " ")
     last = text[text.rindex("\nFROM ") :]
-    install = re.search(r"^RUN (pip install .*?) &&", last, re.MULTILINE)
+    install = re.search(r"^RUN (pip install .*? && pip check)\s+&&", last, re.MULTILINE)
     health = re.search(r"^HEALTHCHECK .*?CMD (\[.*\])$", last, re.MULTILINE)
     begin = re.search(r"^ENTRYPOINT (\[.*\])$", last, re.MULTILINE)
     given = re.search(r"^CMD (\[.*\])$", last, re.MULTILINE)
@@ -56,7 +56,8 @@ def run(wheel: Path, folder: Path, port: int) -> int:
     kept = ("PIP_INDEX_URL", "PIP_CERT", "SSL_CERT_FILE", "HTTPS_PROXY", "https_proxy")
     alone |= {name: os.environ[name] for name in kept if name in os.environ}
     install = install.replace("/tmp/wheels/*.whl", str(wheel))
-    install = install.replace("/tmp/constraints.txt", str(ROOT / "constraints.txt"))
+    hashed = ROOT / "requirements" / "hashed-service.txt"
+    install = install.replace("/tmp/hashed.txt", str(hashed))
     subprocess.run(["/bin/sh", "-c", install], check=True, env=alone)
     python = str(environment / "bin" / "python")
     subprocess.run([python, "-c", MAKE_RIG, str(data / "rig.toml")], check=True, env=alone)

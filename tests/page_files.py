@@ -263,6 +263,7 @@ FILES: dict[str, tuple[Callable[[Path], None], ...]] = {
         board_in("shots"),
         lambda folder: stack("plane", folder / "plane", plan()),
     ),
+    "hour-robot.md": (on_robot, bust_in("part")),
     "robot.md": (on_robot, bust_in("part")),
     "sequences.md": (followed,),
     "stacks.md": (bust_in("shots"), four_steps),

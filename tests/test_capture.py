@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 import scipy.io
 import tifffile
 from PIL import Image
 
-from fringeworks import FileProblem, InputError, Pair
+from fringeworks import FileProblem, InputError, MissingPackage, Pair
 from fringeworks.files import file_limits, read_capture, read_pair, write_pair
 from fringeworks.files.atomic import replacing
 from fringeworks.files.images import read_frame, read_frames, write_frame
@@ -226,6 +228,14 @@ def test_matlab_version_7_3(tmp_path):
     np.testing.assert_array_equal(found.object, original.object)
     path.write_bytes(b"MATLAB 7.3 nothing")
     with pytest.raises(InputError, match="readable .mat"):
+        read_capture(path)
+
+
+def test_matlab_version_7_3_needs_a_package(tmp_path, monkeypatch):
+    path = tmp_path / "pair.mat"
+    path.write_bytes(b"\x89HDF\r\n\x1a\n")
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(MissingPackage, match=r"h5py for a file .* 'fringeworks\[matlab\]'"):
         read_capture(path)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import tomllib
@@ -211,4 +212,25 @@ def test_every_extra_is_in_the_one_of_a_laboratory():
         "optional-dependencies"
     ]
     (everything,) = extras["all"]
-    assert everything == f"fringeworks[{','.join(sorted(extras.keys() - {'all'}))}]"
+    single = sorted(extras.keys() - {"all", "all-but-opencv"})
+    assert everything == f"fringeworks[{','.join(single)}]"
+
+
+def brought(extras, name):
+    """Packages that an extra names, those of the extras in it too."""
+    found = set()
+    for each in extras[name]:
+        inner = re.fullmatch(r"fringeworks\[(.*)\]", each)
+        found |= {each} if inner is None else set()
+        for other in inner[1].split(",") if inner else ():
+            found |= brought(extras, other)
+    return found
+
+
+def test_the_extra_beside_another_opencv_lacks_opencv_only():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    lacking = brought(extras, "all") - brought(extras, "all-but-opencv")
+    assert lacking == brought(extras, "calibration")
+    assert brought(extras, "all-but-opencv") <= brought(extras, "all")

@@ -20,6 +20,8 @@ ELSEWHERE = {
     "fringeworks setup ": "wants devices: tests/test_walk.py",
     "fringeworks scan ": "wants devices: tests/test_walk.py, tests/test_turntable_scan.py",
     "fringeworks paper ": "takes a minute: tests/test_examples.py",
+    "fringeworks --plugin own_method.py ": "would register a method for all tests of this process: "
+    "tests/test_examples.py, tests/test_cli.py",
     "fringeworks merge ": "many views: tests/test_merging.py",
     "fringeworks calibrate left/ ": "two cameras: tests/test_cameras_files.py",
     "fringeworks measure part/left ": "two cameras: tests/test_cameras_files.py",

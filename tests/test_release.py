@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 import sys
 import tomllib
@@ -35,7 +36,7 @@ def distributions():
 def test_all_that_a_default_install_brings_is_permissive(distributions):
     found = distributions.of_default_install()
     assert found[0].name == "fringeworks"
-    assert len(found) > 20
+    assert len(found) > 15
     assert {each.name: each.licence for each in found if not each.permissive} == {}
 
 
@@ -94,3 +95,196 @@ def test_an_audit_that_finds_something_fails(capsys):
     offline = "raise SystemExit('Temporary failure in name resolution')"
     assert audit.looked_at("it", [sys.executable, "-c", offline])
     assert "SKIPPED" in capsys.readouterr().out
+
+
+# Versions, tags and tested files.
+
+
+@pytest.fixture
+def tree(tmp_path):
+    """Copies of the files that state the version, with a dated heading of changes."""
+    version = script("version")
+    for name in version.PLACES:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes((ROOT / name).read_bytes())
+    (tmp_path / "CHANGELOG.md").write_text(
+        "# Changes\n\n## 0.7.0 (2031-02-03)\n\nNew.\n\n### In detail\n\nMore.\n\n## 0.1.0 (2030-01-01)\n\nOld.\n"
+    )
+    return tmp_path
+
+
+def test_every_file_states_one_version():
+    version = script("version")
+    stated = version.stated()
+    assert set().union(*stated.values()) == {fringeworks.__version__}
+
+
+def test_the_tag_decides_on_the_version(tree):
+    version = script("version")
+    said = version.disagreements("v0.7.0", tree)
+    assert {one.partition(":")[0] for one in said} == set(version.PLACES)
+    version.write("v0.7.0", tree)
+    assert version.disagreements("v0.7.0", tree) == []
+    assert version.disagreements("v0.7.1", tree)[-1].startswith("CHANGELOG.md: expected first")
+    cargo = tomllib.loads((tree / "Cargo.toml").read_text())
+    assert cargo["workspace"]["package"]["version"] == "0.7.0"
+    locked = tomllib.loads((tree / "Cargo.lock").read_text())["package"]
+    ours = {p["name"]: p["version"] for p in locked if p["name"].startswith("fringeworks")}
+    assert set(ours.values()) == {"0.7.0"}
+    assert len(ours) == 2
+    before = {
+        p["name"]: p["version"] for p in tomllib.loads((ROOT / "Cargo.lock").read_text())["package"]
+    }
+    assert {p["name"]: p["version"] for p in locked if p["name"] not in ours} == {
+        name: v for name, v in before.items() if name not in ours
+    }
+
+
+def test_a_candidate_has_the_words_of_both_languages(tree):
+    version = script("version")
+    assert version.of_tag("v0.7.0rc2") == ("0.7.0rc2", "0.7.0-rc.2")
+    version.write("v0.7.0rc2", tree)
+    assert version.stated(tree)["CITATION.cff"] == {"0.7.0rc2"}
+    assert version.stated(tree)["Cargo.lock"] == {"0.7.0-rc.2"}
+
+
+@pytest.mark.parametrize("tag", ["0.7.0", "v0.7", "v0.7.0.dev1", "release", "v0.7.0-rc1"])
+def test_other_tags_are_refused(tag):
+    with pytest.raises(ValueError, match="expected a tag such as"):
+        script("version").of_tag(tag)
+
+
+def test_the_text_of_a_release_is_one_screen(tree):
+    version = script("version")
+    assert version.screen(tree) == "New.\n"
+    assert len(version.screen().splitlines()) <= 40
+
+
+@pytest.fixture
+def records(tmp_path):
+    """Two files of a release, and records of their tests."""
+    tested = script("tested")
+    files = [tmp_path / "fringeworks-0.7.0-cp311-abi3-a.whl", tmp_path / "fringeworks-0.7.0.tar.gz"]
+    for file in files:
+        file.write_bytes(file.name.encode())
+    tested.record(files, "import", tmp_path / "records" / "one.json")
+    return tested, files, tmp_path / "records"
+
+
+def test_files_that_were_tested_are_published(records):
+    tested, files, folder = records
+    assert tested.verify(files, list(folder.glob("*.json")), "v0.7.0", 1) == []
+
+
+def test_other_bytes_than_the_tested_ones_are_not_published(records):
+    tested, files, folder = records
+    found = list(folder.glob("*.json"))
+    (says,) = tested.verify(files, found, "v0.7.0", 2)
+    assert says == "expected 2 wheels, got 1"
+    assert len(tested.verify(files, found, "v0.7.1", 1)) == 2
+    assert "expected a record of its tests" in tested.verify(files, [], "v0.7.0", 1)[0]
+    files[0].write_bytes(b"built again")
+    (says,) = tested.verify(files, found, "v0.7.0", 1)
+    assert says.endswith("expected the bytes that were tested, got others")
+    # Tested twice, with different bytes: one of the two is not this one.
+    tested.record(files, "selftest", folder / "two.json")
+    (says,) = tested.verify(files, list(folder.glob("*.json")), "v0.7.0", 1)
+    assert says.endswith("expected the bytes that were tested, got others")
+
+
+def test_wheels_that_differ_are_told_by_their_members(tmp_path):
+    import zipfile
+
+    build = script("build")
+    for name, content in (("a.whl", "1"), ("b.whl", "2"), ("c.whl", "1")):
+        with zipfile.ZipFile(tmp_path / name, "w") as archive:
+            archive.writestr(zipfile.ZipInfo("kernel.so"), content)
+            archive.writestr(zipfile.ZipInfo("module.py"), "same")
+    assert build.differences(tmp_path / "a.whl", tmp_path / "c.whl") == []
+    assert build.differences(tmp_path / "a.whl", tmp_path / "b.whl") == ["kernel.so"]
+
+
+def test_the_recipe_of_conda_needs_what_the_package_needs():
+    recipe = (ROOT / "release" / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    run = recipe.partition("\n  run:\n")[2].partition("\n  run_constraints:")[0]
+    found = {line.removeprefix("    - ").replace(" ", "") for line in run.splitlines()}
+    assert found == {*project["dependencies"], f"python{project['requires-python']}"}
+    (name, place) = next(iter(project["scripts"].items()))
+    assert f"- {name} = {place}\n" in recipe
+
+
+@pytest.mark.parametrize("name", ["service", "all", "release"])
+def test_hashed_pins_are_those_of_the_constraints(name):
+    def plain(word):
+        return re.sub(r"[-_.]+", "-", word).lower()
+
+    pins = dict(
+        line.split("==") for line in (ROOT / "constraints.txt").read_text().splitlines()[1:] if line
+    )
+    pins = {plain(package): version for package, version in pins.items()}
+    text = (ROOT / "requirements" / f"hashed-{name}.txt").read_text(encoding="utf-8")
+    assert "://" not in text
+    entries = re.findall(r"^([\w.-]+)==([^\s;]+)(.*?)(?=^\S|\Z)", text, re.M | re.S)
+    assert len(entries) > 20
+    for package, version, rest in entries:
+        assert pins.get(plain(package), version) == version, package
+        assert "--hash=sha256:" in rest, package
+
+
+def test_workflows_take_actions_by_their_hash():
+    """And publish only what was verified, with no secret of a registry."""
+    for path in (ROOT / ".github" / "workflows").glob("*.yml"):
+        text = path.read_text(encoding="utf-8")
+        used = re.findall(r"uses: (\S+)(.*)", text)
+        assert used
+        for action, comment in used:
+            assert re.fullmatch(r"[\w./-]+@[0-9a-f]{40}", action), action
+            assert re.match(r" # v\d", comment), action
+        assert "secrets." not in text
+    release = (ROOT / ".github" / "workflows" / "release.yml").read_text(encoding="utf-8")
+    publish = release.partition("\n  publish:\n")[2]
+    assert publish.index("tested.py verify") < publish.index("gh-action-pypi-publish")
+    built = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["cibuildwheel"]["build"]
+    assert f"--wheels {len(built)}\n" in publish
+
+
+def test_the_page_of_platforms_is_what_was_measured():
+    platforms = script("platforms")
+    kept = json.loads((ROOT / "release" / "platforms.json").read_text(encoding="utf-8"))
+    assert platforms.PAGE.read_text(encoding="utf-8") == platforms.page(kept)
+    assert all(platforms.of(name) for name in kept)
+
+
+def test_a_platform_without_a_wheel_and_a_failed_run_are_said():
+    platforms = script("platforms")
+    run = {"where": "Python 3.11.2, Linux x86_64", "ok": False, "said": "broken promise"}
+    one = {"size": 2**20, "faults": ["loads libfoo.so"], "loads": [], "glibc": "", "runs": [run]}
+    page = platforms.page({"fringeworks-0.7.0-cp311-abi3-manylinux_2_28_x86_64.whl": one})
+    assert "| loads libfoo.so | Python 3.11.2, Linux x86_64: broken promise |" in page
+    assert page.count("not built yet") == len(platforms.PLATFORMS) - 1
+
+
+def test_the_bill_in_the_wheel_is_that_of_the_lock_file():
+    bills = script("bill_of_materials")
+    bill = json.loads(bills.KERNELS.read_text(encoding="utf-8"))
+    locked = tomllib.loads((ROOT / "Cargo.lock").read_text())["package"]
+    expected = {(p["name"], p["version"]) for p in locked if "source" in p}
+    found = {(c["name"], c["version"]) for c in bill["components"]}
+    assert found <= expected
+    assert {"pyo3", "rayon"} <= {name for name, _ in found}
+    assert all(c["licenses"][0]["license"]["name"] != "not stated" for c in bill["components"])
+    maturin = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["maturin"]["sbom"]
+    assert maturin == {"rust": False, "include": [str(bills.KERNELS.relative_to(ROOT))]}
+
+
+def test_pages_say_what_they_were_last_tried_with():
+    found = tomllib.loads((ROOT / "docs" / "tried.toml").read_text(encoding="utf-8"))
+    assert found["version"] == fringeworks.__version__
+    pages = [page for one in found["tried"] for page in one["pages"]]
+    assert len(pages) == len(set(pages))
+    for one in found["tried"]:
+        assert all((ROOT / "docs" / page).exists() for page in one["pages"]), one["pages"]
+        assert all((ROOT / "tests" / name).exists() for name in one["tests"]), one["tests"]
+        assert one["tests"]
+    assert {page.name for page in (ROOT / "docs").glob("hour-*.md")} <= set(pages)

@@ -44,7 +44,8 @@ def faults(text):
             for call in re.findall(r"pip install[^&]*", given):
                 if "--no-cache-dir" not in call:
                     said.append("DL3042: pip keeps its cache in the layer")
-                if "--constraint" not in call:
+                pinned = ("--constraint", "--require-hashes", "--no-index")
+                if not any(option in call for option in pinned):
                     said.append("DL3013: pip without pinned versions")
             if re.search(r"\bsudo\b|\bcurl\b|\bwget\b|\|", given):
                 said.append("DL3004, DL4006: sudo, downloads or pipes")
@@ -76,7 +77,8 @@ def test_the_dockerfile_has_no_faults():
     [
         ("python:3.11-slim-bookworm", "python", "DL3006"),
         ("USER scanner\n", "", "DL3002"),
-        ("--no-cache-dir --constraint /tmp", "--constraint /tmp", "DL3042"),
+        ("--no-cache-dir --require-hashes", "--require-hashes", "DL3042"),
+        (" --require-hashes --requirement", " --requirement", "DL3013"),
         (" --constraint constraints.txt maturin", " maturin", "DL3013"),
         ("=3.11.*", "", "DL3008"),
         ('CMD ["--rig"', 'CMD --rig ["', "DL3025"),
@@ -118,7 +120,8 @@ def test_the_command_of_the_image_is_one_of_the_program():
     steps = importlib.util.module_from_spec(place)
     place.loader.exec_module(steps)
     install, command, health = steps.steps()
-    assert "[service]" in install
+    assert "--require-hashes" in install
+    assert "--no-index --no-deps /tmp/wheels/*.whl" in install
     assert "/health" in health[-1]
     compile(health[-1], "health", "exec")
     assert command[:3] == ["fringeworks", "serve", "/data"]

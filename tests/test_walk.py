@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import shlex
+import subprocess
+import sys
 
 import pytest
 
@@ -73,3 +76,33 @@ def test_the_page_works_from_the_first_line_to_the_last(page, tmp_path):
     walk(steps(page), folder)
     assert (folder / "part.html").stat().st_size > 10_000
     assert (folder / "again.ply").stat().st_size > 10_000
+
+
+HOURS = sorted((ROOT / "docs").glob("hour-*.md"))
+"""A first hour for each kind of user: their console lines need no hardware."""
+
+
+@pytest.mark.parametrize("page", HOURS, ids=lambda page: page.stem)
+def test_the_first_hour_of_each_user(page, tmp_path):
+    """Word for word and in order, with the recipe of the page; the Python of pages runs elsewhere."""
+    text = page.read_text(encoding="utf-8")
+    for recipe in re.findall(r"^```toml\n(.*?)^```", text, re.M | re.S):
+        (tmp_path / "recipe.toml").write_text(recipe, encoding="utf-8")
+    printed = commands(text)
+    for line in printed:
+        program, *words = shlex.split(line)
+        if program == "python":
+            subprocess.run([sys.executable, *words], cwd=tmp_path, check=True)
+        else:
+            assert program == "fringeworks"
+            run(*words, cwd=tmp_path)
+    written = {w for line in printed for w in re.findall(r"(?<=--out )\S+|(?<=--report )\S+", line)}
+    assert all((tmp_path / name).exists() for name in written)
+    assert printed or "```python" in text
+
+
+def test_there_is_a_first_hour_for_every_user():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    users = {"student", "maker", "inspector", "researcher", "robot"}
+    assert {page.stem.removeprefix("hour-") for page in HOURS} == users
+    assert all(f"docs/{page.name}" in readme for page in HOURS)

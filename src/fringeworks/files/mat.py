@@ -11,6 +11,7 @@ import io
 import struct
 import zlib
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,7 +28,7 @@ from fringeworks.files.limits import (
     read_content,
     told,
 )
-from fringeworks.types import FileProblem
+from fringeworks.types import FileProblem, MissingPackage
 
 HEADER_BYTES = 128
 """Length of the header of version 5."""
@@ -164,6 +165,11 @@ def _element(data: bytes, place: int, order: str) -> _Element:
 
 def _from_hdf5(path: Path, name: str) -> NDArray[Any]:
     """A variable of version 7.3, read by a process that may crash."""
+    if find_spec("h5py") is None:
+        raise MissingPackage(
+            f"{path}: expected the package h5py for a file of MATLAB 7.3, got none; "
+            "pip install 'fringeworks[matlab]', or save with -v7 in MATLAB"
+        )
     with parsing(path, "a readable .mat"):
         most = max_bytes()
         given = [str(path), name, str(most)]

@@ -1,0 +1,229 @@
+"""What was built and what ran on each platform, as the page docs/platforms.md.
+
+Looks at every wheel in a folder, installs those of this machine into an empty environment of each
+Python, runs ``fringeworks selftest --quick`` there, and does the same under an emulator for other
+machines. What cannot run here is said. Results are kept in release/platforms.json, by the name of a
+wheel and its hash, so that another machine adds its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import platform
+import shlex
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+ROOT = Path(__file__).parent.parent
+KEPT = ROOT / "release" / "platforms.json"
+PAGE = ROOT / "docs" / "platforms.md"
+PLATFORMS = {
+    "Linux x86-64, glibc": ("manylinux", "x86_64"),
+    "Linux ARM, glibc": ("manylinux", "aarch64"),
+    "Linux x86-64, musl 1.2": ("musllinux", "x86_64"),
+    "Linux ARM, musl 1.2": ("musllinux", "aarch64"),
+    "macOS, Apple processors": ("macosx", "arm64"),
+    "macOS, Intel": ("macosx", "x86_64"),
+    "Windows x86-64": ("win", "amd64"),
+    "Windows ARM": ("win", "arm64"),
+}
+"""Platforms of a release: words of the names of their wheels."""
+LIMIT_S = 1800.0
+"""Longest time for one program, s: an emulator is some thirty times slower."""
+SELFTEST = ("-m", "fringeworks", "selftest", "--quick")
+SMALL = (
+    "-c",
+    "import fringeworks as fw; from fringeworks import simulate\n"
+    "pair = simulate.standard_scene('parabola', size=96, fringes=8, noise=2, bits=8, seed=1)\n"
+    "for name in ('fourier', 'windowed'):\n"
+    "    found = fw.evaluate.errors(fw.reconstruct(pair, name).surface, pair.truth_mm)\n"
+    "    assert found.within_2_sigma > 0.9, found\n"
+    "    print(f'{found.mean_abs_error_mm:.5f} mm', end=' ')\n",
+)
+"""A pair of frames by two methods: what an emulator does in seconds, before the self-test."""
+HEAD = """# Platforms
+
+What was built, and what ran, for each platform. `make platforms` looks at the wheels, runs what
+this machine can run, and writes this page; `.github/workflows/release.yml` builds and runs the
+wheels on machines of all these platforms.
+
+One wheel serves every Python from 3.11 (abi3). *Looked at* means: the kernels are made for the
+machine of the wheel's name, load no library but those that every such system has, export the
+start of the module, and call Python by its stable interface only. *Ran* means: installed from
+that very wheel into an empty environment, imported, and `fringeworks selftest --quick` passed.
+Under an emulator, a small pair of frames is measured first.
+
+"""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One self-test of an installed wheel."""
+
+    where: str
+    ok: bool
+    said: str
+
+
+def digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def call(command: list[str], env: dict[str, str] | None = None) -> tuple[bool, str]:
+    """Whether a program ended well, and the last line that it printed."""
+    try:
+        done = subprocess.run(
+            command, env=env, capture_output=True, text=True, timeout=LIMIT_S, check=False, cwd="/"
+        )
+    except subprocess.TimeoutExpired:
+        return False, f"no answer in {LIMIT_S:.0f} s"
+    except OSError as error:
+        return False, str(error.strerror)
+    lines = (done.stdout.strip() or done.stderr.strip()).splitlines()
+    return done.returncode == 0, lines[-1] if lines else ""
+
+
+def alone() -> dict[str, str]:
+    """Variables of a process that sees neither the sources nor other packages."""
+    return {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
+
+
+def run_here(wheel: Path, python: str) -> Run:
+    """Install a wheel into an empty environment of a Python of this machine, and test it."""
+    _, version = call([python, "-c", "import platform; print(platform.python_version())"])
+    where = f"Python {version}, {platform.system()} {platform.machine()}"
+    with tempfile.TemporaryDirectory() as folder:
+        inner = str(Path(folder) / "bin" / "python")
+        steps = [
+            [python, "-m", "venv", folder],
+            [inner, "-m", "pip", "install", "--quiet", "--only-binary", ":all:", str(wheel)],
+            [inner, "-I", *SELFTEST],
+        ]
+        constrained = alone() | {"PIP_CONSTRAINT": str(ROOT / "constraints.txt")}
+        for step in steps:
+            ok, said = call(step, constrained)
+            if not ok:
+                return Run(where, False, said)
+        return Run(where, True, said)
+
+
+def run_emulated(wheel: Path, machine: str, emulator: list[str]) -> list[Run]:
+    """Unpack a wheel and what it needs for another machine, and test it under an emulator."""
+    _, version = call([*emulator, "-c", "import platform; print(platform.python_version())"])
+    where = f"Python {version}, Linux {machine} under {Path(emulator[0]).name}"
+    plain = ".".join(version.split(".")[:2])
+    with tempfile.TemporaryDirectory() as folder:
+        tags = [f"manylinux_2_{minor}_{machine}" for minor in (28, 27, 17)]
+        asked = [
+            word for tag in [*tags, f"manylinux2014_{machine}"] for word in ("--platform", tag)
+        ]
+        pip = [sys.executable, "-m", "pip", "install", "--quiet", "--only-binary", ":all:"]
+        target = ["--target", folder, "--python-version", plain, "--implementation", "cp"]
+        constrained = alone() | {"PIP_CONSTRAINT": str(ROOT / "constraints.txt")}
+        ok, said = call([*pip, *target, *asked, str(wheel)], constrained)
+        if not ok:
+            return [Run(where, False, said)]
+        env = alone() | {"PYTHONPATH": folder, "OPENBLAS_NUM_THREADS": "1"}
+        steps = {f"{where}, a small pair": SMALL, f"{where}, self-test": SELFTEST}
+        return [Run(name, *call([*emulator, *words], env)) for name, words in steps.items()]
+
+
+def of(name: str) -> str | None:
+    """Platform of a wheel, by its name."""
+    last = name.removesuffix(".whl").rpartition("-")[2]
+    for title, (system, machine) in PLATFORMS.items():
+        if last.startswith(system) and last.endswith(machine):
+            return title
+    return None
+
+
+def runs_here(wheel: Path) -> bool:
+    system = {"Linux": "manylinux", "Darwin": "macosx", "Windows": "win"}[platform.system()]
+    last = wheel.stem.rpartition("-")[2]
+    return last.startswith(system) and last.endswith(platform.machine().lower())
+
+
+def measure(wheel: Path, pythons: list[str], emulators: dict[str, list[str]]) -> dict[str, Any]:
+    """Look at a wheel and run it where this machine can."""
+    from binaries import look  # the page can be written without its package
+
+    found = look(wheel)
+    runs = [run_here(wheel, python) for python in pythons] if runs_here(wheel) else []
+    for machine, emulator in emulators.items():
+        if wheel.stem.endswith(f"_{machine}") and "manylinux" in wheel.stem:
+            runs += run_emulated(wheel, machine, emulator)
+    for run in runs:
+        print(f"{wheel.name}: {run.where}: {'passed' if run.ok else 'FAILED'}: {run.said}")
+    return {
+        "sha256": digest(wheel),
+        "size": wheel.stat().st_size,
+        "loads": list(found.libraries),
+        "glibc": found.glibc,
+        "faults": list(found.faults),
+        "runs": [vars(run) for run in runs],
+    }
+
+
+def page(kept: dict[str, Any]) -> str:
+    """The page of what is known."""
+    lines = ["| platform | wheel | looked at | ran |", "|---|---|---|---|"]
+    for title in PLATFORMS:
+        names = [name for name in kept if of(name) == title]
+        if not names:
+            lines.append(f"| {title} | not built yet | – | not run |")
+        for name in names:
+            one = kept[name]
+            looked = "; ".join(one["faults"]) or "no fault"
+            runs = "<br>".join(
+                f"{r['where']}: {'passed' if r['ok'] else r['said']}" for r in one["runs"]
+            )
+            size = f"{one['size'] / 2**20:.1f} MB"
+            lines.append(f"| {title} | `{name}`, {size} | {looked} | {runs or 'not run'} |")
+    loads = [
+        "",
+        "What the kernels load:",
+        "",
+        "| wheel | libraries | newest glibc asked for |",
+        "|---|---|---|",
+    ]
+    for name, one in sorted(kept.items()):
+        loads.append(f"| `{name}` | {', '.join(one['loads']) or 'none'} | {one['glibc'] or '–'} |")
+    return HEAD + "\n".join([*lines, *loads]) + "\n"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--wheels", type=Path, default=ROOT / "dist")
+    parser.add_argument("--pythons", nargs="+", default=[sys.executable])
+    parser.add_argument("--emulate", action="append", default=[], help="MACHINE=COMMAND")
+    given = parser.parse_args()
+    emulators = {
+        machine: shlex.split(command)
+        for machine, _, command in (one.partition("=") for one in given.emulate)
+    }
+    kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {}
+    for wheel in sorted(given.wheels.glob("*.whl")):
+        kept[wheel.name] = measure(wheel.resolve(), given.pythons, emulators)
+    KEPT.write_text(json.dumps(kept, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    PAGE.write_text(page(kept), encoding="utf-8")
+    print(f"wrote {PAGE.relative_to(ROOT)}")
+    failed = [
+        name
+        for name, one in kept.items()
+        if one["faults"] or not all(run["ok"] for run in one["runs"])
+    ]
+    print("\n".join(f"FAILED: {name}" for name in failed))
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

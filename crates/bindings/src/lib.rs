@@ -11,6 +11,7 @@ mod inverse;
 mod isolated;
 mod measure;
 mod png;
+mod propagate;
 mod rig;
 mod rows;
 mod sample;
@@ -38,7 +39,7 @@ mod _core {
         widen,
     };
     #[pymodule_export]
-    use super::form::{form_distances, form_moments};
+    use super::form::{form_distances, form_moments, form_scores, near_groups};
     #[pymodule_export]
     use super::inverse::{invert_rows, row_extrema};
     #[pymodule_export]
@@ -47,6 +48,8 @@ mod _core {
     use super::measure::measure_points;
     #[pymodule_export]
     use super::png::read_grey_png;
+    #[pymodule_export]
+    use super::propagate::error_sums;
     #[pymodule_export]
     use super::rig::{Triangles, Triangulation};
     #[pymodule_export]

@@ -14,6 +14,7 @@ pub mod isolated;
 pub mod measure;
 pub mod mesh;
 pub mod moving_mean;
+pub mod propagate;
 mod reason;
 pub mod sample;
 pub mod scatter;

@@ -276,9 +276,9 @@ def _pieces(
     around, rows, columns = _around(rows, columns)
     part = surface.reason[around]
     if isinstance(surface, PointCloud):
-        points = surface.xyz_mm[around].astype(np.float64)
+        points: FloatMap = surface.xyz_mm[around].astype(np.float64)
     else:
-        points = organised_points(surface)[around]
+        points = np.asarray(organised_points(surface)[around], np.float64)
     points[part != Reason.OK] = np.nan
     along_x, along_y = (_slope(points, axis) for axis in (1, 0))
     return np.asarray(np.cross(along_x, along_y)[rows, columns])

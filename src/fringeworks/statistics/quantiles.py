@@ -54,7 +54,7 @@ def robust_sigma(deviations: NDArray[Any]) -> float:
     return MAD_TO_SIGMA * median(np.abs(np.asarray(deviations, np.float64)).ravel())
 
 
-def smallest(values: NDArray[np.float64], count: int) -> NDArray[np.bool_]:
+def smallest(values: NDArray[Any], count: int) -> NDArray[np.bool_]:
     """Mark the smallest of some values.
 
     Parameters
@@ -81,7 +81,7 @@ def smallest(values: NDArray[np.float64], count: int) -> NDArray[np.bool_]:
     low, high = _core.quantiles(some, limits)
     marked = values < low
     between = np.flatnonzero(marked ^ (values <= high))
-    wanted = count - np.count_nonzero(marked)
+    wanted = count - int(np.count_nonzero(marked))
     if not 0 < wanted <= len(between):
         between, wanted, marked = np.arange(len(values)), count, np.zeros(len(values), bool)
     if wanted < len(between):

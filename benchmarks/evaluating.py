@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -13,14 +14,16 @@ import scipy
 
 import fringeworks as fw
 from benchmarks.harness import Result, compared, in_turn, peak_mb, work
-from fringeworks.evaluate import Area, PartTolerance
+from fringeworks.evaluate import Area, KnownPose, PartTolerance
 from fringeworks.evaluate.inspect import judge_part
 from fringeworks.rig import parse_board
+from fringeworks.rig.pinhole import rotation
 from fringeworks.simulate import fringe_plan, look, photograph, standard_rig
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body, board_poses
+from fringeworks.surface.closest import MeshDistance, sampled
 from fringeworks.surface.form import fit_form
-from fringeworks.types import PointCloud, Recipe
+from fringeworks.types import PointCloud, Points, Recipe, TriangleMesh
 
 SHAPE = (1500, 1950)
 """Rows and columns of the part, 2.9 megapixels."""
@@ -139,6 +142,7 @@ def bodies() -> list[Result]:
     found = []
     for body, made, plain, count in (
         ("plane", plane_points, plain_plane, 200_000),
+        ("sphere", sphere_points, plain_sphere, 200),
         ("sphere", sphere_points, plain_sphere, 2_000),
         ("sphere", sphere_points, plain_sphere, 200_000),
     ):
@@ -156,6 +160,72 @@ def bodies() -> list[Result]:
             )
         )
     return found
+
+
+def cylinder_points(count: int, rng: np.random.Generator) -> Any:
+    turn, along = rng.uniform(0.0, 2.0 * np.pi, count), rng.uniform(-40.0, 40.0, count)
+    radius = 15.0 + rng.normal(0, 0.01, count)
+    upright = np.column_stack((radius * np.cos(turn), along, radius * np.sin(turn)))
+    return upright @ rotation(np.array([0.6, 0.0, 0.0])).T + [1, 2, 500]
+
+
+@work
+def cylinders() -> list[Result]:
+    """Cylinders through points of which a tenth lie elsewhere."""
+    rng = np.random.default_rng(2)
+    found = []
+    for count, most_seconds in ((200, 0.015), (2_000, 0.03), (200_000, 0.6)):
+        points = cylinder_points(count, rng)
+        wrong = rng.choice(count, count // 10, replace=False)
+        points[wrong, 2] += rng.uniform(-15.0, 15.0, len(wrong))
+        name = f"fit of a cylinder with outliers, {count:,} points"
+        call = partial(fit_form, points, "cylinder")
+        found.append(alone(name, call, limit_seconds=most_seconds))
+    return found
+
+
+def bumpy_ball(sides: int) -> TriangleMesh:
+    """A closed body of 2 · sides² triangles, about 80 mm across."""
+    polar, turn = np.pi * np.arange(1, sides) / sides, 2.0 * np.pi * np.arange(sides) / sides
+    t, p = np.meshgrid(polar, turn, indexing="ij")
+    r = 40.0 * (1.0 + 0.05 * np.sin(3 * p) * np.sin(t) ** 3 + 0.03 * np.cos(5 * t))
+    around = np.stack((np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)), axis=-1)
+    vertices = np.concatenate(
+        ((r[..., None] * around).reshape(-1, 3), [[0, 0, 41.2], [0, 0, -38.8]])
+    )
+    k = np.arange(sides)
+    beside, last = (k + 1) % sides, sides * (sides - 2)
+    a, d = (sides * k[: sides - 2, None] + one for one in (k, beside))
+    quads = [
+        np.stack(one, axis=-1).reshape(-1, 3)
+        for one in ((a, a + sides, d + sides), (a, d + sides, d))
+    ]
+    top, bottom = (np.full(sides, len(vertices) - 2 + end) for end in (0, 1))
+    caps = [np.column_stack((top, k, beside)), np.column_stack((last + k, bottom, last + beside))]
+    return TriangleMesh(vertices, np.concatenate((*quads, *caps)).astype(np.uint32))
+
+
+def scanned(mesh: TriangleMesh, count: int) -> Points:
+    """Points of a body from all sides, with noise."""
+    rng = np.random.default_rng(3)
+    places, normals = sampled(MeshDistance(mesh), count, rng)
+    places += rng.normal(0.0, NOISE_MM, count)[:, None] * normals
+    noise = np.full(count, NOISE_MM)
+    return Points(places, 2.0 * noise, noise, normals=normals)
+
+
+@work
+def whole_bodies() -> list[Result]:
+    """A body from all sides against its model of half a million triangles, and its closed mesh."""
+    model = bumpy_ball(500)
+    points = scanned(model, 465_000)
+    known = KnownPose(np.eye(4))
+    against = f"deviation of 465,000 points from {len(model.faces):,} triangles"
+    closed = "closed mesh of 465,000 points, cells of 0.4 mm"
+    return [
+        alone(against, lambda: fw.deviation(points, model, align=known), limit_seconds=2.0),
+        alone(closed, lambda: fw.views.closed_mesh(points, cell_mm=0.4), limit_seconds=3.0),
+    ]
 
 
 @work

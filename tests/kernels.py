@@ -106,6 +106,9 @@ def results():
     powers = np.vander(np.linspace(-1, 1, 200), 3).T.copy()
     found.append(_core.robust_fit(
         powers, np.sin(7 * powers[1]), np.ones(200), {"fits": 12, "least": 0.1, "most": 4.7})[0])
+    places = np.random.default_rng(2).normal(size=(300, 3))
+    errors = (places, *np.ones((3, 300)), np.arange(300) % 4)
+    found.append(_core.error_sums(errors, np.ones(300), places[:1].copy(), 4)[2])
     live = fw.stack.Decoder(plan_of(), rig_of().camera.shape, rig=rig_of())
     for seed in range(2):
         found.append(live.points(captured(plan_of(), rig_of(), seed=seed)).reason.copy())

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import fringeworks as fw
+from fringeworks.views import closing
 
 trimesh = pytest.importorskip("trimesh")
 pytest.importorskip("skimage")
@@ -80,3 +81,18 @@ def test_specks_are_left_out():
 def test_points_that_make_no_mesh(change, cell_mm, message):
     with pytest.raises(fw.InputError, match=message):
         fw.views.closed_mesh(replace(ball(500), **change), cell_mm=cell_mm)
+
+
+@pytest.mark.parametrize(("seed", "lowest"), [(11, -1.0), (12, -0.7)])
+def test_as_in_double_precision_and_all_at_once(monkeypatch, seed, lowest):
+    from tests.oracles.closing import mesh_of
+
+    points = ball(4000, lowest=lowest, seed=seed)
+    vertices, sigma, faces = mesh_of(points, 0.5)
+    monkeypatch.setattr(closing, "AT_ONCE", 700)
+    found = fw.views.closed_mesh(points, cell_mm=0.5)
+    assert np.array_equal(np.unique(faces, return_inverse=True)[1].reshape(-1, 3), found.faces)
+    # Vertices are rounded to single precision at a distance of 40 mm.
+    assert np.abs(found.vertices_mm - vertices).max() < 1e-4
+    assert np.array_equal(np.isnan(sigma), found.filled)
+    assert np.nanmax(np.abs(found.sigma_mm / sigma - 1.0)) < 1e-4

@@ -330,7 +330,7 @@ def test_fits_are_those_of_least_squares(body, weighted):
     start, _ = _start(points, geometry, rng)
     values, unit = _refine(start, points, weight, np.ones(len(points), bool), geometry)
     twin, twin_unit = refined(body, start, points, weight)
-    apart = geometry.distance(values, points) - distances(body, twin, points)
+    apart = _core.form_distances(body, values, points) - distances(body, twin, points)
     assert np.abs(apart).max() < 1e-7
     # Lengths and signs of directions are free, so that the values themselves may differ.
     known = geometry.parameters(values, np.zeros(3), 1.0)
@@ -353,7 +353,7 @@ def test_derivatives_of_distances_are_exact(body):
     points = rng.normal(size=(50, 3))
     rows = ROWS[body](values, points)
     np.testing.assert_allclose(rows[:, -1], distances(body, values, points), atol=1e-12)
-    np.testing.assert_allclose(rows[:, -1], geometry.distance(values, points), atol=1e-7)
+    np.testing.assert_allclose(rows[:, -1], _core.form_distances(body, values, points), atol=1e-7)
     for k in range(values.size):
         step = 1e-6 * np.eye(values.size)[k]
         slope = (
@@ -406,3 +406,54 @@ def test_kernels_refuse_what_is_no_body():
 def test_invalid_points_are_refused(points, body, message):
     with pytest.raises(InputError, match=message):
         fit_form(points, body)
+
+
+@pytest.mark.parametrize("body", ["plane", "sphere", "cylinder"])
+def test_scores_are_quantiles_of_distances(body):
+    rng = np.random.default_rng(21)
+    points = rng.normal(size=(301, 3))
+    bodies = rng.normal(size=(9, 7 if body == "cylinder" else 4))
+    away = [np.abs(distances(body, one, points)) for one in bodies]
+    for share in (0.0, 0.1, 0.37, 1.0):
+        found = _core.form_scores(body, bodies, points, share)
+        np.testing.assert_allclose(found, np.quantile(away, share, axis=1), rtol=1e-9, atol=1e-12)
+    assert _core.form_scores(body, bodies[:0], points, 0.1).shape == (0,)
+    with pytest.raises(ValueError, match="share"):
+        _core.form_scores(body, bodies, points, 1.5)
+
+
+def test_groups_of_points_are_near_each_other_and_every_such_group_is_as_likely():
+    # Three places with 3, 4 and 1 points: the first and second have triples, 1 and 4 of them.
+    places = np.repeat([[0.0, 0, 0], [9, 0, 0], [0, 9, 0]], (3, 4, 1), axis=0)
+    found = _core.near_groups(places, 3, 40_000, 1.0, 5)
+    triples, count = np.unique(np.sort(found, axis=1), axis=0, return_counts=True)
+    assert triples.tolist() == [[0, 1, 2], [3, 4, 5], [3, 4, 6], [3, 5, 6], [4, 5, 6]]
+    # Of eight random points three, four and one lie at these places.
+    share = np.array([3, 1, 1, 1, 1]) / 8
+    assert np.abs(count / 40_000 - share).max() < 5 * np.sqrt(0.25 / 40_000)
+    # All orders within a group are as likely, also where a group is drawn from a list.
+    far = np.concatenate((places, 1000.0 + np.arange(300)[:, None] * [50.0, 0, 0]))
+    for points in (places, far):
+        found = _core.near_groups(points, 3, 100_000, 1.0, 6)
+        first = np.bincount(found[np.sort(found, axis=1)[:, 2] == 2, 0], minlength=3)
+        assert np.abs(first / first.sum() - 1 / 3).max() < 0.08
+    again = _core.near_groups(places, 3, 100, 1.0, 5)
+    assert np.array_equal(again, _core.near_groups(places, 3, 100, 1.0, 5))
+    assert _core.near_groups(places, 9, 100, 1e9, 5).shape == (0, 9)
+    with pytest.raises(ValueError, match="count"):
+        _core.near_groups(places, 0, 100, 1.0, 5)
+    with pytest.raises(ValueError, match="groups"):
+        _core.near_groups(places, 3, 10**7, 1.0, 5)
+
+
+def test_spheres_go_through_their_points():
+    rng = np.random.default_rng(22)
+    points = rng.normal(size=(500, 4, 3))
+    points[0] = points[0, 0] + np.outer(rng.normal(size=4), [1.0, 2.0, 3.0])
+    found = GEOMETRIES["sphere"].through(points)
+    assert 300 < len(found) < 500
+    residual = np.abs(
+        np.linalg.norm(points[:, None] - found[None, :, None, :3], axis=-1)
+        - found[None, :, None, 3]
+    ).max(axis=2)
+    assert residual.min(axis=0).max() < 1e-8

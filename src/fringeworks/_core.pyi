@@ -26,11 +26,13 @@ __all__ = [
     "decode_frames",
     "decompose_rows",
     "edge_rings",
+    "error_sums",
     "fit_moving",
     "fit_samples",
     "fitted_inside",
     "form_distances",
     "form_moments",
+    "form_scores",
     "gram",
     "interpolate_linear",
     "invert_rows",
@@ -40,6 +42,7 @@ __all__ = [
     "measure_points",
     "median_of_nine",
     "moving_means",
+    "near_groups",
     "optimised",
     "pack_vertices",
     "phase_residuals",
@@ -406,6 +409,32 @@ def form_moments(
 ) -> NDArray[np.float64]:
     """Sums of the products of the derivatives of the weighted distances by the body's values, and
     of the distances as the last, (values + 1, values + 1)."""
+
+def form_scores(
+    body: str, values: NDArray[Any], points: NDArray[Any], share: float
+) -> NDArray[np.float64]:
+    """For each of several bodies of a kind (m, values), the distance within which a share of the
+    points (n, 3) lies, (m,)."""
+
+def near_groups(
+    points: NDArray[Any], count: int, groups: int, reach: float, seed: int
+) -> NDArray[np.uint32]:
+    """Indices of ``count`` different points each within ``reach`` of a random one of the points
+    (n, 3), at random; (m, count), m ≤ ``groups``: places with too few points have none."""
+
+def error_sums(
+    errors: tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], NDArray[np.int64]],
+    weights: NDArray[Any],
+    directions: NDArray[Any],
+    groups: int,
+) -> tuple[float, float, NDArray[np.float64]]:
+    """How errors of points add up in a quantity that changes by ``weights`` for displacements along
+    ``directions``, (1, 3) or (n, 3).
+
+    ``errors`` are the derivatives of the points by their values (n, 3), noise, common errors, blur,
+    and the number of each point's group. Returns the variance by noise, the change by blur, and of
+    each group the change by the common errors and the weighted direction, (groups, 4).
+    """
 
 def robust_fit(
     design: NDArray[Any],

@@ -12,6 +12,7 @@ mod isolated;
 mod measure;
 mod moving;
 mod png;
+mod propagate;
 mod rig;
 mod rows;
 mod sample;
@@ -39,7 +40,7 @@ mod _core {
         widen,
     };
     #[pymodule_export]
-    use super::form::{form_distances, form_moments};
+    use super::form::{form_distances, form_moments, form_scores, near_groups};
     #[pymodule_export]
     use super::inverse::{invert_rows, row_extrema};
     #[pymodule_export]
@@ -50,6 +51,8 @@ mod _core {
     use super::moving::{fit_moving, turn_back};
     #[pymodule_export]
     use super::png::read_grey_png;
+    #[pymodule_export]
+    use super::propagate::error_sums;
     #[pymodule_export]
     use super::rig::{Triangles, Triangulation};
     #[pymodule_export]

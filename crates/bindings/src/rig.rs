@@ -215,10 +215,12 @@ type Hits<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i32>>);
 impl Triangles {
     #[new]
     fn new(
+        py: Python<'_>,
         vertices: PyReadonlyArray2<'_, f64>,
         faces: PyReadonlyArray2<'_, u32>,
     ) -> PyResult<Self> {
-        let inner = mesh::Triangles::new(rows_of(&vertices)?, rows_of(&faces)?).map_err(refuse)?;
+        let (vertices, faces) = (rows_of(&vertices)?, rows_of(&faces)?);
+        let inner = detached(py, || mesh::Triangles::new(vertices, faces))?;
         Ok(Self { inner })
     }
 

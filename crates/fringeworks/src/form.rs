@@ -1,6 +1,7 @@
 //! Distances of points from a plane, sphere or cylinder, and the normal equations of its fit.
 
-use crate::{Error, Image, check_length, check_shape};
+use crate::sample::quantiles;
+use crate::{Error, Image, check_length, check_shape, check_value};
 use rayon::prelude::*;
 
 /// Points that are computed together: sums have as many parts, whose order does not depend on the
@@ -68,15 +69,20 @@ pub fn form_distances(body: Body, points: Image<f64>) -> Result<Vec<f64>, Error>
     found
         .par_chunks_mut(TASK)
         .zip(points.par_chunks(3 * TASK))
-        .for_each(|(out, points)| match body {
-            Body::Plane(q) => distances_of(out, points, |p| plane(&q, p)[4]),
-            Body::Sphere(q) => distances_of(out, points, |p| sphere(&q, p)[4]),
-            Body::Cylinder(q) => {
-                let (axis, length) = direction([q[3], q[4], q[5]]);
-                distances_of(out, points, |p| cylinder(&q, axis, length, p)[7]);
-            }
-        });
+        .for_each(|(out, points)| distances(out, points, body));
     Ok(found)
+}
+
+/// Signed distances of points from a body.
+fn distances(out: &mut [f64], points: &[f64], body: Body) {
+    match body {
+        Body::Plane(q) => distances_of(out, points, |p| plane(&q, p)[4]),
+        Body::Sphere(q) => distances_of(out, points, |p| sphere(&q, p)[4]),
+        Body::Cylinder(q) => {
+            let (axis, length) = direction([q[3], q[4], q[5]]);
+            distances_of(out, points, |p| cylinder(&q, axis, length, p)[7]);
+        }
+    }
 }
 
 /// Sums of the products of all pairs of columns: the derivatives of the weighted distances by the body's
@@ -194,14 +200,21 @@ fn task<const N: usize, R: Fn([f64; 3]) -> [f64; N]>(
 ) -> [[f64; N]; N] {
     let mut lanes = [[[0.0; LANES]; N]; N];
     let mut block = [[0.0; LANES]; N];
+    let mut places = [[0.0; LANES]; 3];
+    let mut factors;
     for (points, weight) in points.chunks(3 * LANES).zip(weight.chunks(LANES)) {
-        if weight.len() < LANES {
-            block = [[0.0; LANES]; N];
+        // Lanes behind the last point repeat an earlier one, without weight.
+        factors = [0.0; LANES];
+        factors[..weight.len()].copy_from_slice(weight);
+        for (lane, p) in points.chunks_exact(3).enumerate() {
+            for axis in 0..3 {
+                places[axis][lane] = p[axis];
+            }
         }
-        for (lane, (p, w)) in points.chunks_exact(3).zip(weight).enumerate() {
-            let values = row([p[0], p[1], p[2]]);
+        for lane in 0..LANES {
+            let values = row([places[0][lane], places[1][lane], places[2][lane]]);
             for i in 0..N {
-                block[i][lane] = values[i] * w;
+                block[i][lane] = values[i] * factors[lane];
             }
         }
         for i in 0..N {
@@ -213,6 +226,126 @@ fn task<const N: usize, R: Fn([f64; 3]) -> [f64; N]>(
         }
     }
     lanes.map(|row| row.map(|part| part.iter().sum()))
+}
+
+/// For each of several bodies of one kind, the distance within which a share of the points lies: a quantile of
+/// the distances' magnitudes.
+///
+/// ```
+/// use fringeworks::Image;
+/// use fringeworks::form::{Body, form_scores};
+///
+/// let points = [0.0, 0.0, 5.0, 0.0, 0.0, 1.0];
+/// let bodies = [Body::Sphere([0.0, 0.0, 0.0, 2.0])];
+/// assert_eq!(form_scores(&bodies, Image::new(&points, 2, 3)?, 0.5)?, [2.0]);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn form_scores(bodies: &[Body], points: Image<f64>, share: f64) -> Result<Vec<f64>, Error> {
+    check_shape("points", points.shape(), (points.height(), 3))?;
+    bodies
+        .par_iter()
+        .map_init(
+            || vec![0.0; points.height()],
+            |away, &body| {
+                distances(away, &points, body);
+                away.iter_mut().for_each(|value| *value = value.abs());
+                Ok(quantiles(away, &[share])?[0])
+            },
+        )
+        .collect()
+}
+
+/// Random numbers of Steele, Lea and Flood (splitmix64, 2014): few are drawn, and each from 64 bits.
+struct Random(u64);
+
+impl Random {
+    /// A whole number below `count`, which is above 0.
+    fn below(&mut self, count: usize) -> usize {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut bits = self.0;
+        bits = (bits ^ bits >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        bits = (bits ^ bits >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+        bits ^= bits >> 31;
+        ((u128::from(bits) * count as u128) >> 64) as usize
+    }
+}
+
+/// Draws for each point of a group, before the neighbours of its place are listed: where a group has a tenth of
+/// the points around it, all are found by then.
+const DRAWS: usize = 32;
+
+/// Largest number of groups: a thousand is usual, and each takes a microsecond or more.
+const MOST_GROUPS: usize = 1_000_000;
+
+/// `count` different ones of all, at random; none of too few.
+fn drawn_from(mut all: Vec<u32>, count: usize, random: &mut Random) -> Vec<u32> {
+    if all.len() < count {
+        return Vec::new();
+    }
+    for k in 0..count {
+        let other = k + random.below(all.len() - k);
+        all.swap(k, other);
+    }
+    all.truncate(count);
+    all
+}
+
+/// Groups of `count` different points each, at random within `reach` of a random point; their indices, group
+/// after group. Places with too few points have no group.
+///
+/// ```
+/// use fringeworks::Image;
+/// use fringeworks::form::near_groups;
+///
+/// let points = [0.0, 0.0, 5.0, 0.0, 0.0, 5.5, 0.0, 0.0, 99.0];
+/// let found = near_groups(Image::new(&points, 3, 3)?, 2, 10, 1.0, 7)?;
+/// assert!(found.iter().all(|&k| k < 2) && found.len() <= 20);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn near_groups(
+    points: Image<f64>,
+    count: usize,
+    groups: usize,
+    reach: f64,
+    seed: u64,
+) -> Result<Vec<u32>, Error> {
+    check_shape("points", points.shape(), (points.height(), 3))?;
+    let place = |k: usize| [points[3 * k], points[3 * k + 1], points[3 * k + 2]];
+    check_value("count", count > 0, "1 or more", count)?;
+    check_value(
+        "groups",
+        groups <= MOST_GROUPS,
+        "a million or fewer",
+        groups,
+    )?;
+    let (n, limit) = (points.height(), reach * reach);
+    let mut random = Random(seed);
+    let (mut found, mut group) = (Vec::new(), Vec::new());
+    for _ in 0..if n < count { 0 } else { groups } {
+        let middle = place(random.below(n));
+        let near = |k: usize| {
+            let off = place(k);
+            let off: [f64; 3] = std::array::from_fn(|c| off[c] - middle[c]);
+            dot(off, off) < limit
+        };
+        group.clear();
+        for _ in 0..DRAWS * count {
+            let k = random.below(n);
+            if near(k) && !group.contains(&(k as u32)) {
+                group.push(k as u32);
+            }
+            if group.len() == count {
+                break;
+            }
+        }
+        if group.len() < count {
+            // Few are near: the group is drawn anew from a list of them.
+            let all = (0..n).filter(|&k| near(k)).map(|k| k as u32).collect();
+            group = drawn_from(all, count, &mut random);
+        }
+        found.extend(&group);
+    }
+    Ok(found)
 }
 
 #[cfg(test)]
@@ -280,5 +413,35 @@ mod tests {
             }
             assert!(whole.iter().zip(sum).all(|(a, b)| (a - b).abs() < 1e-12));
         }
+    }
+
+    #[test]
+    fn groups_are_near_and_different_and_take_all_points_alike() {
+        let all = points(400);
+        let image = Image::new(&all, 400, 3).unwrap();
+        let far = near_groups(image, 4, 50, 0.0, 1).unwrap();
+        assert!(far.is_empty());
+        let mut taken = vec![0.0f64; 400];
+        for reach in [0.35, 9.0] {
+            let found = near_groups(image, 4, 5000, reach, 3).unwrap();
+            for group in found.chunks(4) {
+                for (i, &a) in group.iter().enumerate() {
+                    assert!(!group[..i].contains(&a));
+                    for &b in &group[..i] {
+                        let off: [f64; 3] = std::array::from_fn(|c| {
+                            all[3 * a as usize + c] - all[3 * b as usize + c]
+                        });
+                        assert!(dot(off, off).sqrt() < 2.0 * reach);
+                    }
+                }
+            }
+            if reach > 1.0 {
+                assert_eq!(found.len(), 20_000);
+                found.iter().for_each(|&k| taken[k as usize] += 1.0);
+            }
+        }
+        // Within reach of all, each point is taken 50 times, ± 7.
+        let chi: f64 = taken.iter().map(|t| (t - 50.0).powi(2) / 50.0).sum();
+        assert!((300.0..510.0).contains(&chi), "{chi}");
     }
 }

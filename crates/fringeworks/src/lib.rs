@@ -15,6 +15,7 @@ pub mod measure;
 pub mod mesh;
 pub mod moving;
 pub mod moving_mean;
+pub mod propagate;
 mod reason;
 pub mod residual_chi;
 pub mod sample;

@@ -25,6 +25,10 @@ const RAYS_PER_TASK: usize = 1024;
 /// Halving makes a tree of n triangles log₂ n deep, and each level leaves one child waiting.
 const MAX_WAITING: usize = 2 * usize::BITS as usize;
 
+/// Triangles of a branch that is worth a task of its own.
+const TRIANGLES_PER_TASK: usize = 4096;
+
+#[derive(Clone, Default)]
 struct Node {
     low: Point,
     high: Point,
@@ -93,8 +97,12 @@ impl Triangles {
             .map(|c| [0, 1, 2].map(|k| (c[0][k] + c[1][k] + c[2][k]) / 3.0))
             .collect();
         let mut order: Vec<u32> = (0..corners.len() as u32).collect();
-        let mut nodes = Vec::new();
-        build(&corners, &centres, &mut order, 0, &mut nodes);
+        let mut nodes = vec![Node::default(); tree_size(order.len())];
+        let tree = Tree {
+            corners: &corners,
+            centres: &centres,
+        };
+        tree.build(&mut order, 0, &mut nodes, 0);
         let triangles = order
             .iter()
             .map(|&k| {
@@ -184,48 +192,79 @@ impl Triangles {
     }
 }
 
-/// Append the tree of the triangles in `order`; `offset` is the index of the first one in the whole
-/// order.
-fn build(
-    corners: &[[Point; 3]],
-    centres: &[Point],
-    order: &mut [u32],
-    offset: usize,
-    nodes: &mut Vec<Node>,
-) {
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for &k in order.iter() {
-        for corner in corners[k as usize] {
-            for axis in 0..3 {
-                low[axis] = low[axis].min(corner[axis]);
-                high[axis] = high[axis].max(corner[axis]);
+/// Number of nodes of the tree of so many triangles.
+fn tree_size(triangles: usize) -> usize {
+    if triangles <= LEAF_TRIANGLES {
+        return 1;
+    }
+    let (left, right) = (triangles / 2, triangles - triangles / 2);
+    let size = tree_size(left);
+    1 + size
+        + if left == right {
+            size
+        } else {
+            tree_size(right)
+        }
+}
+
+/// What the branches of a tree are built from.
+struct Tree<'a> {
+    corners: &'a [[Point; 3]],
+    centres: &'a [Point],
+}
+
+impl Tree<'_> {
+    /// The smallest and the largest coordinates of some triangles.
+    fn bounds(&self, order: &[u32]) -> (Point, Point) {
+        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for &k in order {
+            for corner in self.corners[k as usize] {
+                for axis in 0..3 {
+                    low[axis] = low[axis].min(corner[axis]);
+                    high[axis] = high[axis].max(corner[axis]);
+                }
             }
         }
+        (low, high)
     }
-    let here = nodes.len();
-    nodes.push(Node {
-        low,
-        high,
-        first: offset,
-        count: order.len(),
-    });
-    if order.len() <= LEAF_TRIANGLES {
-        return;
+
+    /// Set the nodes of the triangles in `order`. `offset` is the index of the first one in the whole order,
+    /// `here` that of the first node among all nodes.
+    fn build(&self, order: &mut [u32], offset: usize, nodes: &mut [Node], here: usize) {
+        let (low, high) = self.bounds(order);
+        let (first, count) = (offset, order.len());
+        let (top, below) = nodes.split_first_mut().expect("a tree has a node");
+        *top = Node {
+            low,
+            high,
+            first,
+            count,
+        };
+        if count <= LEAF_TRIANGLES {
+            return;
+        }
+        let side = minus(high, low);
+        let axis = (0..3)
+            .max_by(|&a, &b| side[a].total_cmp(&side[b]))
+            .unwrap_or(0);
+        let half = count / 2;
+        order.select_nth_unstable_by(half, |&a, &b| {
+            self.centres[a as usize][axis].total_cmp(&self.centres[b as usize][axis])
+        });
+        let left_size = tree_size(half);
+        let second = here + 1 + left_size;
+        (top.first, top.count) = (second, 0);
+        let (left, right) = order.split_at_mut(half);
+        let (left_nodes, right_nodes) = below.split_at_mut(left_size);
+        let mut left = || self.build(left, offset, left_nodes, here + 1);
+        let mut right = || self.build(right, offset + half, right_nodes, second);
+        if count > TRIANGLES_PER_TASK {
+            rayon::join(left, right);
+        } else {
+            left();
+            right();
+        }
     }
-    let side = minus(high, low);
-    let axis = (0..3)
-        .max_by(|&a, &b| side[a].total_cmp(&side[b]))
-        .unwrap_or(0);
-    let half = order.len() / 2;
-    order.select_nth_unstable_by(half, |&a, &b| {
-        centres[a as usize][axis].total_cmp(&centres[b as usize][axis])
-    });
-    let (left, right) = order.split_at_mut(half);
-    build(corners, centres, left, offset, nodes);
-    let second = nodes.len();
-    build(corners, centres, right, offset + half, nodes);
-    nodes[here].first = second;
-    nodes[here].count = 0;
 }
 
 /// Distance at which a ray enters a node's box; ∞ where it misses the box.
@@ -265,6 +304,14 @@ fn hit_distance(triangle: &[Point; 3], origin: Point, direction: Point) -> f64 {
 /// Points that one task searches for: enough to hide the cost of a task.
 const POINTS_PER_TASK: usize = 256;
 
+/// Bits of a cell's number along each axis, by which points are ordered: 30 bits in all, beside which an index
+/// has room in 64.
+const CURVE_BITS: u32 = 10;
+
+/// By how much farther than a triangle that is known a search looks, over the size of the mesh: well above
+/// rounding, so that the bound never decides which triangle is found.
+const SEARCH_TOLERANCE: f64 = 1e-12;
+
 impl Triangles {
     /// Index of the triangle that is nearest to every point; −1 where none lies within `reach`.
     ///
@@ -279,17 +326,45 @@ impl Triangles {
     /// ```
     pub fn nearest(&self, points: &[f64], reach: f64, face: &mut [i32]) -> Result<(), Error> {
         check_length("points", points.len(), 3 * face.len())?;
-        points
-            .par_chunks_exact(3)
-            .zip(face.par_iter_mut())
-            .with_min_len(POINTS_PER_TASK)
-            .for_each(|(p, face)| *face = self.nearest_to([p[0], p[1], p[2]], reach));
+        let order = along_curve(points);
+        let found: Vec<i32> = order
+            .par_chunks(POINTS_PER_TASK)
+            .flat_map_iter(|part| self.nearest_to_each(points, part, reach))
+            .collect();
+        for (&k, found) in order.iter().zip(found) {
+            face[k as usize] = found;
+        }
         Ok(())
     }
 
-    /// Index of the triangle that is nearest to a point, or −1.
-    fn nearest_to(&self, point: Point, reach: f64) -> i32 {
-        let (mut best, mut face) = (reach * reach, -1);
+    /// Triangles that are nearest to the points of these indices, or −1.
+    ///
+    /// Each search starts from what the point before has found: no triangle farther away can be the nearest.
+    fn nearest_to_each(&self, points: &[f64], index: &[u32], reach: f64) -> Vec<i32> {
+        let rim = self.nodes.first().map_or(0.0, |node| {
+            SEARCH_TOLERANCE * length(minus(node.high, node.low))
+        });
+        let mut last = None;
+        let search = |&k: &u32| {
+            let k = 3 * k as usize;
+            let point = [points[k], points[k + 1], points[k + 2]];
+            let bound = last.map_or(f64::INFINITY, |t: usize| {
+                (triangle_square(&self.triangles[t], point).sqrt() + rim).powi(2)
+            });
+            let limit = reach * reach;
+            let mut found = self.nearest_to(point, bound.min(limit));
+            if found.is_none() && bound < limit {
+                found = self.nearest_to(point, limit);
+            }
+            last = found.or(last);
+            found.map_or(-1, |t| self.order[t] as i32)
+        };
+        index.iter().map(search).collect()
+    }
+
+    /// Place in the tree's order of the triangle that is nearest to a point and nearer than the root of `best`.
+    fn nearest_to(&self, point: Point, mut best: f64) -> Option<usize> {
+        let mut found = None;
         let mut waiting = [(0usize, 0.0f64); MAX_WAITING];
         // Comparisons with NaN are false: a point that is no number has no triangle.
         let mut n = usize::from(!self.order.is_empty());
@@ -312,12 +387,47 @@ impl Triangles {
             for t in node.first..node.first + node.count {
                 let square = triangle_square(&self.triangles[t], point);
                 if square < best {
-                    (best, face) = (square, self.order[t] as i32);
+                    (best, found) = (square, Some(t));
                 }
             }
         }
-        face
+        found
     }
+}
+
+/// Indices of points along a curve that fills space (Morton's order): neighbours in it are near each other,
+/// and searches of neighbours read the same boxes.
+fn along_curve(points: &[f64]) -> Vec<u32> {
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for point in points.chunks_exact(3) {
+        for axis in 0..3 {
+            low[axis] = low[axis].min(point[axis]);
+            high[axis] = high[axis].max(point[axis]);
+        }
+    }
+    let longest = minus(high, low).into_iter().fold(0.0, f64::max);
+    let cells = f64::from(1u32 << CURVE_BITS) / longest.max(f64::MIN_POSITIVE);
+    let mut keys: Vec<u64> = points
+        .par_chunks_exact(3)
+        .enumerate()
+        .map(|(k, point)| {
+            let cell = |axis: usize| ((point[axis] - low[axis]) * cells) as u64;
+            let key = spread(cell(0)) << 2 | spread(cell(1)) << 1 | spread(cell(2));
+            key << 32 | k as u64
+        })
+        .collect();
+    keys.par_sort_unstable();
+    keys.into_iter().map(|key| key as u32).collect()
+}
+
+/// The lowest bits of a number with two zeros between neighbours.
+fn spread(cell: u64) -> u64 {
+    let cell = cell.min((1 << CURVE_BITS) - 1);
+    (0..CURVE_BITS).fold(0, |bits, k| bits | (cell >> k & 1) << (3 * k))
+}
+
+fn length(v: Point) -> f64 {
+    dot(v, v).sqrt()
 }
 
 /// Square of the distance of a point from a node's box.
@@ -464,5 +574,23 @@ mod tests {
         assert!(far > 100 && far < 900);
         tree.nearest(&[f64::NAN; 3], 6.0, &mut face[..1]).unwrap();
         assert_eq!(face[0], -1);
+    }
+
+    #[test]
+    fn what_is_nearest_does_not_depend_on_other_points() {
+        let (vertices, faces) = sheet(40);
+        let tree = Triangles::new(&vertices, &faces).unwrap();
+        let mut points: Vec<f64> = (0..3000)
+            .map(|k| (k as f64 * 7.3).rem_euclid(44.0) - 2.0)
+            .collect();
+        // On triangles themselves no bound above their distance of 0 is left.
+        points.extend(&vertices);
+        let mut face = vec![0; points.len() / 3];
+        tree.nearest(&points, 9.0, &mut face).unwrap();
+        for (p, &together) in points.chunks_exact(3).zip(&face) {
+            let mut alone = [0];
+            tree.nearest(p, 9.0, &mut alone).unwrap();
+            assert_eq!(alone[0], together);
+        }
     }
 }

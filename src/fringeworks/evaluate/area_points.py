@@ -12,8 +12,9 @@ from typing import Any, NamedTuple, Self, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks import _core
 from fringeworks.rig.point_errors import point_errors
-from fringeworks.surface.section import places
+from fringeworks.surface.section import organised_points, places
 from fringeworks.types import (
     Area,
     BoolMap,
@@ -151,20 +152,18 @@ def sigma_of(terms: Sequence[Term]) -> float:
     variance, blur = 0.0, 0.0
     by_rig: FloatMap | float = 0.0
     for area, weights, direction in terms:
-        change = weights * _along(area.by_value, direction)
-        if area.noise.any():
-            noise = change * area.noise
-            variance += float(noise @ noise)
-        blur += float(change @ area.blur)
+        group, groups = area.patch, PATCHES**2
+        if area.by_rig is not None:
+            group, groups = area.cell, len(area.by_rig)
+        errors = (area.by_value, area.noise, area.common, area.blur, group)
+        weights, direction = (np.ascontiguousarray(a, np.float64) for a in (weights, direction))
+        own, along, sums = _core.error_sums(errors, weights, direction.reshape(-1, 3), groups)
+        variance += own
+        blur += along
         if area.by_rig is None:
-            variance += float(np.sum(np.bincount(area.patch, change * area.common) ** 2))
-            continue
-        if direction.ndim == 1:
-            moved = np.outer(direction, np.bincount(area.cell, weights, len(area.by_rig)))
+            variance += float(np.sum(sums[:, 0] ** 2))
         else:
-            parts = (weights * direction[:, k] for k in range(3))
-            moved = np.stack([np.bincount(area.cell, one, len(area.by_rig)) for one in parts])
-        by_rig = by_rig + np.einsum("kc,ckj->j", moved, area.by_rig)
+            by_rig = by_rig + np.einsum("ck,ckj->j", sums[:, 1:], area.by_rig)
     return float(np.sqrt(variance + blur**2 + np.sum(np.square(by_rig))))
 
 
@@ -237,7 +236,8 @@ def _inner(
     surface: HeightMap | PointCloud, rows: NDArray[np.int64], columns: NDArray[np.int64]
 ) -> BoolMap:
     """Mark pixels of which all neighbours have a value; all, where too few of them do."""
-    missing = surface.reason != Reason.OK
+    around, rows, columns = _around(rows, columns)
+    missing = surface.reason[around] != Reason.OK
     for axis in range(2):
         beside, others = np.swapaxes(missing.copy(), 0, axis), np.swapaxes(missing, 0, axis)
         beside[1:] |= others[:-1]
@@ -245,6 +245,15 @@ def _inner(
         missing = np.swapaxes(beside, 0, axis)
     inner = ~missing[rows, columns]
     return np.asarray(inner if np.count_nonzero(inner) >= MIN_POINTS else inner | True)
+
+
+def _around(
+    rows: NDArray[np.int64], columns: NDArray[np.int64]
+) -> tuple[tuple[slice, slice], NDArray[np.int64], NDArray[np.int64]]:
+    """The part of a frame that holds pixels and their neighbours, and where they are in it."""
+    top, left = (max(int(place.min()) - 1, 0) for place in (rows, columns))
+    bottom, right = (int(place.max()) + 2 for place in (rows, columns))
+    return (slice(top, bottom), slice(left, right)), rows - top, columns - left
 
 
 def noise_along(part: AreaPoints, direction: FloatMap) -> FloatMap:
@@ -256,30 +265,33 @@ def noise_along(part: AreaPoints, direction: FloatMap) -> FloatMap:
 
 def _part(place: NDArray[np.int64], parts: int) -> NDArray[np.int64]:
     """Which of so many parts of the range each number lies in, from 0 on."""
-    low, high = int(place.min()), int(place.max())
-    return (place - low) * parts // (high - low + 1)
+    low, count = int(place.min()), int(np.ptp(place)) + 1
+    return np.asarray((np.arange(count) * parts // count)[place - low], np.int64)
 
 
 def _pieces(
     surface: HeightMap | PointCloud, rows: NDArray[np.int64], columns: NDArray[np.int64]
 ) -> FloatMap:
     """Piece of surface that each pixel stands for, (n, 3), mm² along its normal."""
-    top, left = max(int(rows.min()) - 1, 0), max(int(columns.min()) - 1, 0)
-    part = surface.reason[top : int(rows.max()) + 2, left : int(columns.max()) + 2]
-    y, x = np.indices(part.shape)
-    points = places(surface, y.ravel() + top, x.ravel() + left).points.reshape(*part.shape, 3)
-    points = np.where((part == Reason.OK)[..., None], points, np.nan)
+    around, rows, columns = _around(rows, columns)
+    part = surface.reason[around]
+    if isinstance(surface, PointCloud):
+        points: FloatMap = surface.xyz_mm[around].astype(np.float64)
+    else:
+        points = np.asarray(organised_points(surface)[around], np.float64)
+    points[part != Reason.OK] = np.nan
     along_x, along_y = (_slope(points, axis) for axis in (1, 0))
-    return np.asarray(np.cross(along_x, along_y)[rows - top, columns - left])
+    return np.asarray(np.cross(along_x, along_y)[rows, columns])
 
 
 def _slope(points: FloatMap, axis: int) -> FloatMap:
     """Difference to the next pixel along an axis: central, or one-sided at gaps and borders."""
-    step = np.diff(points, axis=axis)
-    pad = [(0, 0)] * 3
-    pad[axis] = (0, 1)
-    after = np.pad(step, pad, constant_values=np.nan)
-    pad[axis] = (1, 0)
-    before = np.pad(step, pad, constant_values=np.nan)
-    both = 0.5 * (after + before)
-    return np.where(np.isfinite(both), both, np.where(np.isfinite(after), after, before))
+    found = np.full_like(points, np.nan)
+    slope, step = (np.moveaxis(one, axis, 0) for one in (found, np.diff(points, axis=axis)))
+    if len(step):
+        slope[0], slope[-1] = step[0], step[-1]
+        slope[1:-1] = 0.5 * (step[1:] + step[:-1])
+        at = np.nonzero(~np.isfinite(slope[1:-1]))
+        after, before = step[1:][at], step[:-1][at]
+        slope[1:-1][at] = np.where(np.isfinite(after), after, before)
+    return found

@@ -335,7 +335,7 @@ def _uncertainty(
         rows = np.column_stack((np.cross(placed[at], n), n))
         along = seen.along(at, n @ turn)
         noise[at] = along * seen.noise_mm[at]
-        by_pose = np.einsum("ni,ij,nj->n", rows, alignment.noise, rows)
+        by_pose = _forms(rows, alignment.noise)
         moved = seen.errors_at(seen.xyz_mm[at]) if errors else None
         if moved is not None:
             parts = np.einsum("nc,nck->nk", n @ turn, moved)
@@ -347,13 +347,18 @@ def _uncertainty(
             shared = along * np.sqrt(np.maximum(seen.sigma_mm[at] ** 2 - seen.noise_mm[at] ** 2, 0))
             calibration = shared**2
             if extrapolates:
-                calibration += np.einsum("ni,ij,nj->n", rows, alignment.common, rows)
+                calibration += _forms(rows, alignment.common)
             sums += np.bincount(patch[at], shared, len(sums))
         rows_total += rows.sum(axis=0)
         sigma[at] = np.sqrt(noise[at] ** 2 + by_pose + calibration + edge[at] ** 2)
     variance = np.sum(noise[has] ** 2) + rows_total @ alignment.noise @ rows_total
     variance += np.sum(np.square(total)) + np.sum(sums**2)
     return sigma, noise, float(np.sqrt(variance)) / len(has)
+
+
+def _forms(rows: FloatMap, matrix: FloatMap) -> FloatMap:
+    """r M rᵀ of each row r, (n,)."""
+    return np.asarray(np.einsum("ni,ni->n", rows @ matrix, rows))
 
 
 def _assembled(

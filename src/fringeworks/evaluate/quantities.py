@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fringeworks.evaluate.area_points import AreaPoints, Term, area_points, noise_along, sigma_of
 from fringeworks.evaluate.deviation import Deviation
+from fringeworks.statistics.quantiles import smallest
 from fringeworks.surface.form import DISCARDED, Form, fit_region
 from fringeworks.surface.form_geometry import BodyKind
 from fringeworks.types import Area, FloatMap, InputError, PointCloud, Reason, Rig
@@ -74,8 +75,8 @@ def narrowest_range(values: FloatMap) -> tuple[float, int, int]:
     """
     count = values.size - _kept(values.size) + 1
     # The ends of a range are among as many of the smallest and of the largest values.
-    index = np.argpartition(values, (count - 1, values.size - count))
-    low, high = (part[np.argsort(values[part])] for part in (index[:count], index[-count:]))
+    ends = (np.flatnonzero(smallest(one, count)) for one in (values, -values))
+    low, high = (part[np.argsort(values[part])] for part in ends)
     ranges = values[high] - values[low]
     first = int(np.argmin(ranges))
     return float(ranges[first]), int(high[first]), int(low[first])

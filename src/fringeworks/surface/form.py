@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.statistics.quantiles import robust_sigma
+from fringeworks.statistics.quantiles import robust_sigma, smallest
 from fringeworks.surface.form_geometry import GEOMETRIES, BodyKind, FormGeometry
 from fringeworks.types import (
     LARGEST,
@@ -273,8 +272,7 @@ def fit_region(
     kept = far.size - int(DISCARDED * far.size)
     for _ in range(FIT_ROUNDS):
         size = np.abs(_core.form_distances(body, values, found.scaled)) * weight
-        before, used = used, np.zeros(far.size, bool)
-        used[np.argpartition(size, kept - 1)[:kept]] = True
+        before, used = used, smallest(size, kept)
         if np.array_equal(before, used):
             break
         values, unit = _refine(values, found.scaled, weight, used, GEOMETRIES[body])
@@ -346,39 +344,21 @@ def _start(
     judges = points
     if len(points) > JUDGING_POINTS:
         judges = points[rng.choice(len(points), JUDGING_POINTS, False)]
-    bodies = geometry.through(judges[_neighbours(judges, geometry, rng)])
+    judges = np.ascontiguousarray(judges)
+    seed = int(rng.integers(2**32))
+    groups = _core.near_groups(judges, geometry.points, geometry.trials, NEARBY, seed)
+    bodies = geometry.through(judges[groups])
     if not len(bodies):
         raise InputError(
             "fit: expected points that determine a body, got points on a line or in one place"
         )
     # The distance within which the required share of the points lies: the smaller the better.
     for some in (judges[:: max(1, len(judges) // FIRST_JUDGES)], judges):
-        away = np.abs(geometry.distance(bodies, some))
-        scores = np.quantile(away, BODY_SHARE, axis=1, overwrite_input=True)
+        some, bodies = np.ascontiguousarray(some), np.ascontiguousarray(bodies)
+        scores = _core.form_scores(geometry.kind, bodies, some, BODY_SHARE)
         best = np.argsort(scores)[:SECOND_TRIALS]
         bodies = bodies[best]
     return bodies[0], float(scores[best[0]]) / TENTH_OF_NORMAL
-
-
-def _neighbours(
-    points: FloatMap, geometry: FormGeometry, rng: np.random.Generator
-) -> NDArray[np.intp]:
-    """Indices of the points of each trial body, (t, k): different ones, within ``NEARBY`` of a
-    random point. Places with too few points have no trial."""
-    anchors = points[rng.integers(len(points), size=geometry.trials)]
-    squares = np.sum(points**2, axis=1)
-    near = np.sum(anchors**2, axis=1)[:, None] + squares - 2.0 * anchors @ points.T < NEARBY**2
-    near = near[near.sum(axis=1) >= geometry.points]
-    count = near.sum(axis=1)
-    first, index = np.cumsum(count) - count, np.nonzero(near)[1]
-    ranks = np.empty((len(count), 0), np.intp)
-    for k in range(geometry.points):
-        # Of the neighbours that remain: each smaller one that was taken moves the rank by one.
-        rank = rng.integers(count - k)
-        for taken in np.sort(ranks, axis=1).T:
-            rank += rank >= taken
-        ranks = np.column_stack((ranks, rank))
-    return np.asarray(index[first[:, None] + ranks])
 
 
 def _fit(
@@ -395,7 +375,7 @@ def _fit(
     distance = _core.form_distances(geometry.kind, values, scaled)
     for _ in range(FIT_ROUNDS):
         before, used = used, np.abs(distance) * weight <= FAR_SIGMAS * max(spread, ROUNDING)
-        if used.sum() < MIN_POINTS:
+        if np.count_nonzero(used) < MIN_POINTS:
             return None
         values, unit = _refine(values, scaled, weight, used, geometry)
         distance = _core.form_distances(geometry.kind, values, scaled)

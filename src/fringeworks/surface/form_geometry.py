@@ -48,9 +48,6 @@ class FormGeometry:
     through: Callable[[FloatMap], FloatMap]
     """The bodies through points (t, k, 3), (m, values); m ≤ t, without those that the points do not
     determine."""
-    distance: Callable[[FloatMap, FloatMap], FloatMap]
-    """Signed distances of points (n, 3) from a body or from several (..., values), (..., n): out of
-    a sphere or cylinder, along the normal of a plane."""
     parameters: Callable[[FloatMap, FloatMap, float], dict[str, Any]]
     """A body's parameters in mm, from the mean and the size of the cloud."""
     free: Callable[[FloatMap], FloatMap]
@@ -75,11 +72,6 @@ def _planes_through(p: FloatMap) -> FloatMap:
     return np.column_stack((n, np.sum(n * p[good, 0], axis=1)))
 
 
-def _plane_distance(q: FloatMap, p: FloatMap) -> FloatMap:
-    size = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
-    return np.asarray(q[..., :3] / size @ p.T - q[..., 3:] / size)
-
-
 def _plane_parameters(q: FloatMap, mean: FloatMap, scale: float) -> dict[str, Any]:
     n = q[:3] / np.linalg.norm(q[:3])
     if n[2] > 0:
@@ -97,22 +89,17 @@ def _plane_free(q: FloatMap) -> FloatMap:
 
 
 def _spheres_through(p: FloatMap) -> FloatMap:
-    A = np.concatenate((2.0 * p, np.ones((*p.shape[:2], 1))), axis=2)
-    good = np.abs(np.linalg.det(A)) >= DEGENERATE
-    s = np.linalg.solve(A[good], _squares(p[good])[..., None])[..., 0]
-    square = s[:, 3] + _squares(s[:, :3])
+    # From the first point, the centre has the same component along each other one as its half.
+    sides = p[:, 1:] - p[:, :1]
+    across = np.cross(sides[:, [1, 2, 0]], sides[:, [2, 0, 1]])
+    volume = np.einsum("tc,tc->t", sides[:, 0], across[:, 0])
+    # The determinant of the four equations for the centre and the radius is eight times as large.
+    good = 8.0 * np.abs(volume) >= DEGENERATE
+    sides, across, p = sides[good], across[good], p[good]
+    centre = 0.5 * np.einsum("tk,tkc->tc", _squares(sides), across) / volume[good, None]
+    square = _squares(centre)
     small = (square > 0) & (square <= MAX_RADIUS**2)
-    return np.column_stack((s[small, :3], np.sqrt(square[small])))
-
-
-def _sphere_squares(q: FloatMap, p: FloatMap) -> FloatMap:
-    """Squared distances of points from the first three values, (..., n)."""
-    centre = q[..., :3]
-    return np.asarray(_squares(p) - 2.0 * centre @ p.T + _squares(centre)[..., None])
-
-
-def _sphere_distance(q: FloatMap, p: FloatMap) -> FloatMap:
-    return np.asarray(np.sqrt(np.maximum(_sphere_squares(q, p), 0.0)) - q[..., 3:])
+    return np.column_stack((p[small, 0] + centre[small], np.sqrt(square[small])))
 
 
 def _sphere_parameters(q: FloatMap, mean: FloatMap, scale: float) -> dict[str, Any]:
@@ -172,13 +159,6 @@ def _circles(u: FloatMap, v: FloatMap) -> tuple[FloatMap, FloatMap, FloatMap, Bo
     return x + mean_u, y + mean_v, radius, good & (radius <= MAX_RADIUS)
 
 
-def _cylinder_distance(q: FloatMap, p: FloatMap) -> FloatMap:
-    axis = q[..., 3:6] / np.linalg.norm(q[..., 3:6], axis=-1, keepdims=True)
-    along = axis @ p.T - np.einsum("...c,...c->...", axis, q[..., :3])[..., None]
-    square = _sphere_squares(q, p) - along * along
-    return np.asarray(np.sqrt(np.maximum(square, 0.0)) - q[..., 6:])
-
-
 def _cylinder_parameters(q: FloatMap, mean: FloatMap, scale: float) -> dict[str, Any]:
     axis = q[3:6] / np.linalg.norm(q[3:6])
     foot = q[:3] - (q[:3] @ axis) * axis
@@ -201,7 +181,6 @@ GEOMETRIES: dict[str, FormGeometry] = {
         points=3,
         trials=300,
         through=_planes_through,
-        distance=_plane_distance,
         parameters=_plane_parameters,
         free=_plane_free,
         direction=slice(0, 3),
@@ -212,7 +191,6 @@ GEOMETRIES: dict[str, FormGeometry] = {
         points=4,
         trials=1000,
         through=_spheres_through,
-        distance=_sphere_distance,
         parameters=_sphere_parameters,
         free=_sphere_free,
         direction=None,
@@ -223,7 +201,6 @@ GEOMETRIES: dict[str, FormGeometry] = {
         points=6,
         trials=200,
         through=_cylinders_through,
-        distance=_cylinder_distance,
         parameters=_cylinder_parameters,
         free=_cylinder_free,
         direction=slice(3, 6),

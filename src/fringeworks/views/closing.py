@@ -16,7 +16,9 @@ the points, larger ones round edges. Empirical."""
 MARGIN_CELLS = 12
 """Empty cells around the part: the surface of parts that were not seen bulges out."""
 MAX_CELLS = 4e7
-"""Largest number of cells: 4·10⁷ need 2 GB."""
+"""Largest number of cells: 4·10⁷ need 1 GB."""
+AT_ONCE = 20_000
+"""Number of vertices that are laid onto their points together; they take 40 MB."""
 SMOOTHING_CELLS = 1.0
 """Standard deviation by which the normals are spread, cells: gaps of two cells are bridged."""
 AREA_NEIGHBOURS = 8
@@ -73,8 +75,12 @@ def closed_mesh(points: Points, *, cell_mm: float | None = None) -> TriangleMesh
         raise InputError(f"points: expected more than {NEIGHBOURS} points with normals and σ")
     xyz, normals = (np.asarray(a, np.float64) for a in (points.xyz_mm, points.normals))
     tree = scipy.spatial.cKDTree(xyz)
-    distance = tree.query(xyz, k=AREA_NEIGHBOURS + 1)[0]
-    spacing = float(np.median(distance[:, 1]))
+    # In the order of the tree, searches that follow one another read the same branches.
+    distance = np.empty((len(xyz), 2))
+    distance[tree.indices] = tree.query(xyz[tree.indices], k=[2, AREA_NEIGHBOURS + 1], workers=-1)[
+        0
+    ]
+    spacing = float(np.median(distance[:, 0]))
     cell = CELLS_PER_SPACING * spacing if cell_mm is None else cell_mm
     if not cell > 0:
         raise InputError(f"cell_mm: expected > 0, got {cell_mm}")
@@ -110,49 +116,115 @@ def _contour(
         raise InputError(f"cell_mm: expected at most {MAX_CELLS:.0e} cells, got {shape.tolist()}")
     size = tuple(scipy.fft.next_fast_len(int(n), real=True) for n in shape)
     at = (xyz - low) / cell
-    field = _potential(at, normals * area[:, None], size)
-    field = field - np.average(scipy.ndimage.map_coordinates(field, at.T, order=1), weights=area)
+    corners = _Corners(at, size)
+    field = _potential(corners, normals * area[:, None])
+    field -= np.float32(np.average(corners.interpolated(field), weights=area))
     # A slope of the field per cell tells how near a vertex would be to a node.
-    there = tuple(np.rint(at).T.astype(int))
-    slope = float(np.median(np.linalg.norm([g[there] for g in np.gradient(field)], axis=0)))
-    near = np.abs(field) < NODE_SHARE * slope
-    field = np.where(near, np.where(field < 0, -1.0, 1.0) * NODE_SHARE * slope, field)
+    least = NODE_SHARE * float(np.median(_slopes(field, np.rint(at).astype(np.intp))))
+    near = np.flatnonzero(np.abs(field) < least)
+    flat = field.ravel()
+    flat[near] = np.where(flat[near] < 0, -least, least)
+    del corners, near
     contour: Any = marching_cubes
     vertices, faces, _, _ = contour(field, 0.0)
-    corners = vertices[faces]
-    volume = np.sum(corners[:, 0] * np.cross(corners[:, 1], corners[:, 2]))
+    of_faces = vertices[faces]
+    volume = np.sum(of_faces[:, 0] * np.cross(of_faces[:, 1], of_faces[:, 2]))
     return vertices.astype(np.float64) * cell + low, faces if volume > 0 else faces[:, ::-1]
 
 
-def _potential(at: FloatMap, vectors: FloatMap, size: tuple[int, ...]) -> FloatMap:
-    """The function on the grid whose gradient is nearest to vectors at points (in cells)."""
-    base = np.floor(at).astype(int)
-    share = at - base
+class _Corners:
+    """The eight nodes around each of n points (in cells), and the points' shares of them.
+
+    Parameters
+    ----------
+    at : (n, 3) array
+        Points, in cells.
+    size : (nx, ny, nz)
+        Nodes of the grid.
+    """
+
+    def __init__(self, at: FloatMap, size: tuple[int, ...]) -> None:
+        self.size = size
+        base = np.floor(at).astype(np.intp)
+        ends = np.stack((1.0 - (at - base), at - base))
+        self._node: NDArray[np.intp] = np.concatenate(
+            [np.ravel_multi_index(tuple((base + c).T), size) for c in np.ndindex(2, 2, 2)]
+        )
+        self._share: NDArray[np.float32] = np.concatenate(
+            [ends[x, :, 0] * ends[y, :, 1] * ends[z, :, 2] for x, y, z in np.ndindex(2, 2, 2)],
+            dtype=np.float32,
+        )
+
+    def spread(self, values: FloatMap) -> FloatMap:
+        """Spread values (n,) over the nodes; the grid, single precision."""
+        grid = np.zeros(self.size, np.float32)
+        weights = self._share.reshape(8, -1) * values.astype(np.float32)
+        np.add.at(grid.ravel(), self._node, weights.ravel())
+        return grid
+
+    def interpolated(self, field: FloatMap) -> FloatMap:
+        """Return the values of a field at the points, (n,)."""
+        found = field.ravel()[self._node] * self._share
+        return np.asarray(found.reshape(8, -1).sum(axis=0, dtype=np.float64))
+
+
+def _slopes(field: FloatMap, node: NDArray[np.intp]) -> FloatMap:
+    """Slopes of a field per cell at some nodes (n, 3), which are not on its border, (n,)."""
+    flat, here = field.ravel(), np.ravel_multi_index(tuple(node.T), field.shape)
+    steps = np.array([field.shape[1] * field.shape[2], field.shape[2], 1])
+    along = [0.5 * (flat[here + step] - flat[here - step]).astype(np.float64) for step in steps]
+    return np.asarray(np.sqrt(sum(one**2 for one in along)))
+
+
+def _potential(corners: _Corners, vectors: FloatMap) -> FloatMap:
+    """The function on the grid whose gradient is nearest to vectors at points.
+
+    Single precision: contours of it, which the points then correct, are single precision too.
+    """
+    size = corners.size
     waves = np.meshgrid(
         *(2.0 * np.pi * np.fft.fftfreq(n) for n in size[:-1]),
         2.0 * np.pi * np.fft.rfftfreq(size[-1]),
         indexing="ij",
         sparse=True,
     )
-    square = waves[0] ** 2 + waves[1] ** 2 + waves[2] ** 2
-    total: Any = 0.0
-    for axis in range(3):
-        grid = np.zeros(size)
-        for corner in np.ndindex(2, 2, 2):
-            weight = np.prod(np.where(np.array(corner), share, 1.0 - share), axis=1)
-            np.add.at(grid, tuple((base + corner).T), weight * vectors[:, axis])
-        total = total + 1j * waves[axis] * scipy.fft.rfftn(grid)
-    total *= -np.exp(-0.5 * SMOOTHING_CELLS**2 * square) / np.maximum(square, 1e-12)
+
+    def derived(axis: int) -> Any:
+        transform = scipy.fft.rfftn(corners.spread(vectors[:, axis]), workers=-1, overwrite_x=True)
+        transform *= (-1j * waves[axis]).astype(np.complex64)
+        return transform
+
+    # No more than two transforms at a time: each takes as much memory as the grid.
+    total = derived(0)
+    total += derived(1)
+    total += derived(2)
+    square = (waves[0] ** 2 + waves[1] ** 2).astype(np.float32) + (waves[2] ** 2).astype(np.float32)
+    total /= np.maximum(square, np.float32(1e-12))
+    for wave in waves:
+        total *= np.exp(-0.5 * SMOOTHING_CELLS**2 * wave**2).astype(np.float32)
     total[0, 0, 0] = 0.0
-    return np.asarray(scipy.fft.irfftn(total, size))
+    return np.ascontiguousarray(scipy.fft.irfftn(total, size, workers=-1, overwrite_x=True))
 
 
 def _laid(
     vertices: FloatMap, points: Points, tree: scipy.spatial.cKDTree, spacing: float
 ) -> tuple[FloatMap, FloatMap, FloatMap | None]:
     """Vertices moved onto the points around them, σ (NaN without points) and brightness."""
+    parts = [
+        _laid_some(vertices[k : k + AT_ONCE], points, tree, spacing)
+        for k in range(0, len(vertices), AT_ONCE)
+    ]
+    placed, sigma, colour = zip(*parts, strict=True)
+    seen = None if points.colour is None else np.concatenate(colour)
+    return np.concatenate(placed), np.concatenate(sigma), seen
+
+
+def _laid_some(
+    vertices: FloatMap, points: Points, tree: scipy.spatial.cKDTree, spacing: float
+) -> tuple[FloatMap, FloatMap, FloatMap | None]:
+    """As ``_laid``, for some of the vertices."""
     reach = REACH_SPACINGS * spacing
-    distance, index = tree.query(vertices, k=NEIGHBOURS, distance_upper_bound=reach)
+    distance, index = tree.query(vertices, k=NEIGHBOURS, distance_upper_bound=reach, workers=-1)
     has = np.isfinite(distance)
     index = np.where(has, index, 0)
     xyz, normals = (np.asarray(a, np.float64) for a in (points.xyz_mm, points.normals))

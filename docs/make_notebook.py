@@ -44,7 +44,7 @@ CELLS = (
     (
         "code",
         "sigma = found.points.sigma_mm\nreasons, counts = np.unique(found.points.reason, "
-        "return_counts=True)\nfor reason, count in zip(reasons, counts):\n"
+        "return_counts=True)\nfor reason, count in zip(reasons, counts, strict=True):\n"
         '    print(fw.Reason(reason).name.lower(), f"{count / sigma.size:.1%}")\n'
         'print(f"median σ {np.nanmedian(sigma):.3f} mm")',
     ),

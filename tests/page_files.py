@@ -255,6 +255,7 @@ def depth_maps(folder: Path) -> None:
 FILES: dict[str, tuple[Callable[[Path], None], ...]] = {
     "README.md": (models, inspected("part"), board_in("board")),
     "batch.md": (inspected("line/part-0", "line/part-1"),),
+    "datasets.md": (depth_maps,),
     "deviation.md": (models,),
     "few-frames.md": (few_frames,),
     "files.md": (photographs, response, pairs("scene"), bust_in("part")),

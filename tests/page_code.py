@@ -25,8 +25,8 @@ NOT_RUN = {
     ("sequences.md", "import xarray as xr"): "a long sequence: tests/test_sequence.py",
 }
 """Blocks that are not run, by page and first line, and the test that holds them."""
-ELSEWHERE = {"gallery.md"}
-"""Pages whose code is made from the examples, which tests/test_examples.py runs."""
+ELSEWHERE = {"datasets.md", "gallery.md"}
+"""Pages whose code other tests run: tests/test_datasets.py, and the examples of tests/test_examples.py."""
 
 
 def blocks(page: Path) -> list[str]:

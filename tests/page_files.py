@@ -243,9 +243,19 @@ def trials(folder: Path) -> None:
     inspected(*(f"trials/{p}_{o}_{t}" for p in ("P0", "P1") for o in "AB" for t in (1, 2)))(folder)
 
 
+def depth_maps(folder: Path) -> None:
+    """A truth and predictions in the layout of FPP-ML-Bench."""
+    ball = np.zeros((40, 50))
+    ball[10:30, 10:40] = 1800.0
+    for name, off in (("test", 0.0), ("predictions", 14.0)):
+        (folder / name / "depth").mkdir(parents=True)
+        np.save(folder / name / "depth" / "banana_A0.npy", np.where(ball > 0, ball + off, 0.0))
+
+
 FILES: dict[str, tuple[Callable[[Path], None], ...]] = {
     "README.md": (models, inspected("part"), board_in("board")),
     "batch.md": (inspected("line/part-0", "line/part-1"),),
+    "datasets.md": (depth_maps,),
     "deviation.md": (models,),
     "few-frames.md": (few_frames,),
     "files.md": (photographs, response, pairs("scene"), bust_in("part")),
@@ -265,6 +275,7 @@ FILES: dict[str, tuple[Callable[[Path], None], ...]] = {
     ),
     "hour-robot.md": (on_robot, bust_in("part")),
     "robot.md": (on_robot, bust_in("part")),
+    "score.md": (depth_maps,),
     "sequences.md": (followed,),
     "stacks.md": (bust_in("shots"), four_steps),
     "study.md": (trials,),

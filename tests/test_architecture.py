@@ -41,7 +41,7 @@ ROOMS = [
     ["evaluate", "scan"],
     ["report"],
     ["showcase", "serving"],
-    ["studio", "batch", "service"],
+    ["studio", "batch", "service", "napari"],
     ["cli"],
 ]
 PLACE = {room: line for line, rooms in enumerate(ROOMS) for room in rooms}

@@ -21,6 +21,7 @@ SECONDS = 20.0
 """Longest time of a call with small arguments; a usual one takes milliseconds."""
 ELSEWHERE = {
     "test_hostile_files": ("read_", "read", "find_scans", "file_limits", "FrameSequence"),
+    "test_sample_data": ("sample_data",),
     "test_kills and test_read_write": ("write_", "write", "save_figure"),
     "devices, in their own tests": (
         "open_", "list_devices", "ListedDevice", "virtual_bench", "virtual_rig", "WindowProjector", "MemoryProjector",
@@ -35,7 +36,7 @@ ELSEWHERE = {
         "calibrate", "observe", "adjust_rig", "check_rig", "diagnose", "verdict", "judge_poses", "measure_response",
         "measure_sequence", "merge", "compare", "compare_captures", "compare_everywhere", "best_methods", "best_map",
         "run_batch", "run_sequence", "run_studio", "run_service", "board_sheet", "scan_turntable", "closed_mesh", "stand_mesh", "deviation",
-        "find_spots", "remove_blur", "camera_pair", "for_frames", "selftest", "promise_table", "apply_response",
+        "benchmark_scene", "benchmark_scenes", "score", "score_depths", "find_spots", "remove_blur", "camera_pair", "for_frames", "selftest", "promise_table", "apply_response",
     ),
     "simulation, in its own tests": (
         "board_body", "board_poses", "bust", "cropped_field", "fringe_plan", "height_field", "look", "pair_displacement",

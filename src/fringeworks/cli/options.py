@@ -101,7 +101,7 @@ PlyOption = Annotated[
     Ply,
     typer.Option(
         "--ply",
-        help="Content of a file of points; mesh: .ply; frame: all pixels, as .pcd, .csv or .e57.",
+        help="Content of a file of points; mesh: .ply, .vtp; frame: all pixels, .pcd, .csv, .e57.",
     ),
 ]
 DenoiseOption = Annotated[

@@ -4,6 +4,18 @@ from .truth_errors import (
     Errors as Errors,
     errors as errors,
 )
+from .scored_scenes import (
+    BenchmarkScene as BenchmarkScene,
+    benchmark_scene as benchmark_scene,
+    benchmark_scenes as benchmark_scenes,
+)
+from .scoring import (
+    Score as Score,
+    score as score,
+)
+from .depth_sets import (
+    score_depths as score_depths,
+)
 from .form import (
     FormEvaluation as FormEvaluation,
 )

@@ -25,14 +25,15 @@ from fringeworks.files.npz import (
     texts,
 )
 from fringeworks.files.result_csv import read_coordinates_csv, write_coordinates_csv
+from fringeworks.files.vtk import VTI, write_coordinates_as_vti
 from fringeworks.pair.unwrap import Unwrapped
 from fringeworks.stack.light_separation import LightSeparation
 from fringeworks.stack.wrapped import WrappedPhase
 from fringeworks.types import Axis, CoordinateMap, Decoded, FileProblem
 
-COORDINATE_SUFFIXES = (".npz", CSV)
+COORDINATE_SUFFIXES = (".npz", CSV, VTI)
 """Suffixes of files of coordinates."""
-COORDINATE_ADVICE = "coordinates are written as .npz or .csv, and become points with a rig"
+COORDINATE_ADVICE = "coordinates are written as .npz, .csv or .vti, and become points with a rig"
 """What to do about another suffix."""
 LIGHT = Archive(
     LightSeparation,
@@ -97,12 +98,16 @@ def write_coordinates(path: StrPath, decoded: Decoded) -> Path:
     ``.npz`` has arrays ``x_coordinate_px``, ``x_sigma_px``, ``x_modulation``, ``x_background``,
     ``x_reason`` and ``x_periods_px``, the same with ``y_``, for the axes there are; ``noise``
     (read, gain), ``findings`` (JSON) and ``notes``, their text. ``.csv`` has the same as a table
-    with a row for every pixel, without the phases of the sets.
+    with a row for every pixel, without the phases of the sets. ``.vti`` is a raster for ParaView.
     """
     check_target(path, COORDINATE_SUFFIXES, COORDINATE_ADVICE)
     if Path(path).suffix.lower() == CSV:
         with replacing(path) as temporary:
             write_coordinates_csv(temporary, decoded)
+        return Path(path)
+    if Path(path).suffix.lower() == VTI:
+        with replacing(path) as temporary:
+            write_coordinates_as_vti(temporary, decoded)
         return Path(path)
     arrays: dict[str, Any] = {"notes": texts(decoded.notes)}
     for axis, found in decoded.maps.items():

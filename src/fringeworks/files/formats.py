@@ -174,7 +174,7 @@ def _need_point_package(suffix: str) -> None:
     "points",
     "a point cloud",
     ["PointCloud"],
-    [".ply", ".xyz", ARCHIVE, ".pcd", ".mcap", ".mat", CSV, *POINT_SUFFIXES],
+    [".ply", ".xyz", ARCHIVE, ".pcd", ".mcap", ".mat", CSV, *POINT_SUFFIXES, ".vtp", ".vti"],
     arrays=["xyz_mm"],
     needs=_need_point_package,
 )
@@ -188,7 +188,7 @@ def _() -> Functions:
     "merged",
     "points without a frame",
     ["Points"],
-    [".ply", ".xyz", ".pcd", ".mcap", CSV, *POINT_SUFFIXES],
+    [".ply", ".xyz", ".pcd", ".mcap", CSV, *POINT_SUFFIXES, ".vtp"],
     reads=[".xyz", ".pcd", *POINT_SUFFIXES],
     tables=["points"],
     needs=_need_point_package,
@@ -208,7 +208,7 @@ def _() -> Functions:
     "surface",
     "a height map",
     ["HeightMap"],
-    [".tif", ".tiff", ARCHIVE, ".ply", ".x3p", ".gsf", CSV],
+    [".tif", ".tiff", ARCHIVE, ".ply", ".x3p", ".gsf", CSV, ".vti"],
     reads=[".x3p", ".gsf"],
     arrays=["values"],
     tables=["heights"],
@@ -228,7 +228,7 @@ def _() -> Functions:
     "mesh",
     "a mesh",
     ["TriangleMesh"],
-    [".stl", ".obj", ".glb", ".3mf", ".ply"],
+    [".stl", ".obj", ".glb", ".3mf", ".ply", ".vtp"],
     reads=[".stl", ".obj", ".off", ".glb", ".3mf"],
 )
 def _() -> Functions:
@@ -242,10 +242,10 @@ def _() -> Functions:
     "coordinate",
     "projector coordinates",
     ["Decoded"],
-    [ARCHIVE, CSV],
+    [ARCHIVE, CSV, ".vti"],
     arrays=["x_coordinate_px", "y_coordinate_px"],
     tables=["coordinates"],
-    advice="coordinates are written as .npz or .csv, and become points with a rig",
+    advice="coordinates are written as .npz, .csv or .vti, and become points with a rig",
 )
 def _() -> Functions:
     from fringeworks.files.archives import read_coordinates, write_coordinates

@@ -19,8 +19,8 @@ def write_merged_points(
     Parameters
     ----------
     path : path
-        ``.ply``, ``.pcd``, ``.csv``, ``.e57``, ``.las``, ``.laz``, ``.mcap``, or ``.xyz``, which
-        has σ alone.
+        ``.ply``, ``.pcd``, ``.csv``, ``.e57``, ``.las``, ``.laz``, ``.mcap``, ``.vtp``, or
+        ``.xyz``, which has σ alone.
     points : Points
     provenance : Provenance, optional
         Written into the file; by default that of the points.

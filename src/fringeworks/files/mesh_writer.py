@@ -1,4 +1,4 @@
-"""Meshes as files for other programs: STL, OBJ, glTF by trimesh; PLY and 3MF by our own."""
+"""Meshes as files for other programs: STL, OBJ, glTF by trimesh; PLY, VTP and 3MF by our own."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from fringeworks.files.provenance import comment_lines
 from fringeworks.files.texture import Texture, texture_of, write_textured_obj
 from fringeworks.files.threemf import SUFFIX as SUFFIX_3MF
 from fringeworks.files.threemf import write_3mf
+from fringeworks.files.vtk import VTP, write_mesh_as_vtp
 from fringeworks.files.white import eight_bits, white_of
 from fringeworks.types import InputError, MissingPackage, TriangleMesh
 
-SUFFIXES = (".stl", ".obj", ".glb", SUFFIX_3MF, ".ply")
+SUFFIXES = (".stl", ".obj", ".glb", SUFFIX_3MF, ".ply", VTP)
 """Kinds of files that are written."""
 TEXTURED = (".obj", ".glb")
 """Kinds that hold a texture."""
@@ -34,15 +35,15 @@ def write_mesh(path: StrPath, mesh: TriangleMesh) -> None:
         ``.stl`` (binary) and ``.obj`` in mm; ``.glb`` (glTF) in metres, y up and z towards the
         viewer. A mesh with a texture gets it in ``.glb``, and beside ``.obj`` as
         ``NAME.texture.png`` and ``NAME.texture.mtl``, in sRGB; others have the colour of their
-        vertices. ``.3mf`` in mm; ``.ply`` in mm, with σ and the mark of filled vertices. All but
-        STL keep the colour.
+        vertices. ``.3mf`` in mm; ``.ply`` and ``.vtp`` (ParaView) in mm, with σ and the mark of
+        filled vertices. All but STL keep the colour.
     mesh : TriangleMesh
 
     Raises
     ------
     FileProblem for another suffix and a folder that cannot be written to; InputError for a mesh
     without triangles; MissingPackage where the package ``trimesh`` (the extra "mesh") is not
-    installed, which PLY and 3MF do not need.
+    installed, which PLY, VTP and 3MF do not need.
     """
     check_target(path, SUFFIXES)
     if not len(mesh.faces):
@@ -55,6 +56,8 @@ def write_mesh(path: StrPath, mesh: TriangleMesh) -> None:
     with replacing(path) as temporary:
         if suffix == ".ply":
             _write_ply(temporary, mesh)
+        elif suffix == VTP:
+            write_mesh_as_vtp(temporary, mesh)
         elif suffix == SUFFIX_3MF:
             write_3mf(temporary, mesh.vertices_mm, mesh.faces, _shown(mesh))
         else:

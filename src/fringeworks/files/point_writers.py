@@ -17,6 +17,7 @@ from fringeworks.files.ply import write_ply
 from fringeworks.files.point_table import Kind, PointTable, fields_of
 from fringeworks.files.provenance import comment_lines
 from fringeworks.files.ros import write_point_bag
+from fringeworks.files.vtk import VTP, write_points_as_vtp
 from fringeworks.types import InputError, PointCloud, today
 
 KINDS: dict[str, tuple[Kind, ...]] = {
@@ -28,6 +29,7 @@ KINDS: dict[str, tuple[Kind, ...]] = {
     ".laz": ("points", "normals"),
     ".mcap": ("points", "normals", "frame"),
     ".xyz": ("points",),
+    VTP: ("points", "normals", "mesh"),
 }
 """What files hold, by suffix; others hold all arrays of a cloud, whatever is asked for."""
 CONTENT = {
@@ -120,6 +122,7 @@ TABLE_WRITERS: dict[str, Callable[[Path, PointTable], Any]] = {
     ".e57": _write_e57,
     ".las": _write_las,
     ".laz": _write_las,
+    VTP: write_points_as_vtp,
 }
 """Writers by suffix."""
 

@@ -44,6 +44,7 @@ from fringeworks.files.point_writers import (
 from fringeworks.files.provenance import KEY, from_comments, json_line
 from fringeworks.files.surfaces import READERS as SURFACE_READERS
 from fringeworks.files.surfaces import read_surface
+from fringeworks.files.vtk import VTI, VTP, write_cloud_as_vti, write_points_as_vtp
 from fringeworks.surface.cloud import cloud_triangles
 from fringeworks.surface.height_map import height_map_points, lateral_findings
 from fringeworks.types import (
@@ -89,12 +90,14 @@ def write_points(path: StrPath, cloud: PointCloud, *, kind: Kind = "points") -> 
         of the reasons from 0 on; ``.pcd`` what PLY points have, for the Point Cloud Library;
         ``.csv`` the same as a table, colours in counts; ``.e57``, ``.las`` and ``.laz`` the same
         in metres; ``.mcap`` as a ROS 2 bag with one PointCloud2, in metres. Points of PCD and
-        MCAP are organised as the frame is, NaN where nothing was measured.
+        MCAP are organised as the frame is, NaN where nothing was measured. For ParaView, ``.vtp``
+        has points or the mesh, and ``.vti`` the pixels of the frame, with σ and reasons.
     cloud : PointCloud
     kind : "points", "normals", "mesh" or "frame"
         Content of the file: points alone, with their normals, connected by triangles, which PLY
-        alone can hold, or all pixels of the frame with their rows, columns and reasons, which
-        PCD, CSV and E57 can hold. NPZ, MAT and MCAP hold the frame in any case.
+        and VTP can hold, or all pixels of the frame with their rows, columns and reasons, which
+        PCD, CSV and E57 can hold. NPZ, MAT, MCAP and VTI hold the frame in any
+        case.
 
     Raises
     ------
@@ -111,17 +114,24 @@ def write_points(path: StrPath, cloud: PointCloud, *, kind: Kind = "points") -> 
     with replacing(path) as temporary:
         if suffix in CLOUD_WRITERS:
             CLOUD_WRITERS[suffix](temporary, cloud)
-        elif kind == "mesh" and suffix == ".ply":
-            _write_mesh(temporary, cloud)
+        elif kind == "mesh" and suffix in MESH_WRITERS:
+            _write_mesh(temporary, cloud, suffix)
         else:
             TABLE_WRITERS[suffix](temporary, PointTable(cloud, kind))
 
 
-def _write_mesh(path: Path, cloud: PointCloud) -> None:
+MESH_WRITERS: dict[str, Callable[[Path, PointTable, NDArray[np.int32]], None]] = {
+    ".ply": write_table_as_ply,
+    VTP: write_points_as_vtp,
+}
+"""Writers of points that triangles connect, by suffix."""
+
+
+def _write_mesh(path: Path, cloud: PointCloud, suffix: str) -> None:
     ok = cloud.reason == Reason.OK
     place = np.cumsum(ok.ravel()) - 1
     faces = place[cloud_triangles(cloud)].astype(np.int32)
-    write_table_as_ply(path, PointTable(cloud, "mesh"), faces)
+    MESH_WRITERS[suffix](path, PointTable(cloud, "mesh"), faces)
 
 
 def _write_mat(path: Path, cloud: PointCloud) -> None:
@@ -146,9 +156,10 @@ def _write_npz(path: Path, cloud: PointCloud) -> None:
 CLOUD_WRITERS: dict[str, Callable[[Path, PointCloud], None]] = {
     ".npz": _write_npz,
     ".mat": _write_mat,
+    VTI: write_cloud_as_vti,
 }
 """Writers of clouds as arrays, by suffix."""
-WRITERS = (".ply", ".xyz", ".npz", ".pcd", ".mcap", ".mat", CSV, ".e57", ".las", ".laz")
+WRITERS = (".ply", ".xyz", ".npz", ".pcd", ".mcap", ".mat", CSV, ".e57", ".las", ".laz", VTP, VTI)
 """Suffixes of files of clouds."""
 
 

@@ -1,4 +1,4 @@
-"""Height maps as files: TIFF, NPZ, PLY, X3P (ISO 25178-72), GSF (Gwyddion) and CSV."""
+"""Height maps as files: TIFF, NPZ, PLY, X3P (ISO 25178-72), GSF (Gwyddion), CSV, VTI."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from fringeworks.files.npz import TEXT, read_npz
 from fringeworks.files.ply import write_ply
 from fringeworks.files.point_table import Kind
 from fringeworks.files.provenance import KEY, comment_lines, from_json, json_line
+from fringeworks.files.vtk import VTI, write_heights_as_vti
 from fringeworks.files.x3p import read_x3p, write_x3p
 from fringeworks.surface.height_map import height_map_points, height_map_triangles, known_pitch
 from fringeworks.types import NUMBERS, FileProblem, HeightMap, InputError, Provenance, Reason
@@ -55,7 +56,7 @@ def write_surface(path: StrPath, surface: HeightMap, *, ply: Kind = "points") ->
         ``.tif``/``.tiff``: values on the first page, float32; σ and reasons on two more.
         ``.npz``: everything. ``.ply``: points or mesh with σ. ``.x3p`` (ISO 25178-72): values in
         metres. ``.gsf`` (Gwyddion simple field): values. ``.csv``: a row for every pixel, with its
-        place, value, σ and reason.
+        place, value, σ and reason. ``.vti`` (ParaView): values, σ and reasons as a raster.
     surface : HeightMap
     ply : "points" or "mesh"
 
@@ -303,6 +304,10 @@ def _write_x3p(path: Path, surface: HeightMap, _: Kind) -> None:
     write_x3p(path, surface)
 
 
+def _write_vti(path: Path, surface: HeightMap, _: Kind) -> None:
+    write_heights_as_vti(path, surface)
+
+
 WRITERS: dict[str, Callable[[Path, HeightMap, Kind], None]] = {
     ".tif": _write_tiff,
     ".tiff": _write_tiff,
@@ -311,6 +316,7 @@ WRITERS: dict[str, Callable[[Path, HeightMap, Kind], None]] = {
     ".x3p": _write_x3p,
     ".gsf": _write_gsf,
     CSV: _write_csv,
+    VTI: _write_vti,
 }
 """Writers by suffix."""
 READERS: dict[str, Callable[[Path], HeightMap]] = {

@@ -1,0 +1,97 @@
+"""Sample data: fetched once, checked by their hash, and a sentence where that cannot be."""
+
+from __future__ import annotations
+
+import sys
+import types
+
+import pytest
+
+import fringeworks as fw
+from fringeworks.files import sample_sets
+
+
+@pytest.fixture
+def archive(tmp_path, monkeypatch):
+    """A tiny archive that stands for the release's."""
+    from release import sample_data as builder
+
+    made = tmp_path / "made"
+    for name in sample_sets.SAMPLES:
+        (made / name).mkdir(parents=True)
+        (made / name / "about.txt").write_text(name)
+    builder.make_pair(made / "pair", 0.05)
+    where = tmp_path / "given"
+    where.mkdir()
+    digest = builder.pack(made, where / sample_sets.ARCHIVE)
+    assert digest == builder.pack(made, tmp_path / "again.zip")
+    monkeypatch.setattr(sample_sets, "SHA256", digest)
+    monkeypatch.delenv(sample_sets.VARIABLE, raising=False)
+    return where / sample_sets.ARCHIVE
+
+
+def test_an_archive_without_a_network(archive, monkeypatch):
+    monkeypatch.setenv(sample_sets.VARIABLE, str(archive.parent))
+    monkeypatch.setitem(sys.modules, "pooch", None)
+    folder = fw.files.sample_data("pair")
+    assert isinstance(fw.read(folder / "part"), fw.Pair)
+    archive.unlink()  # the unpacked folder is enough
+    assert fw.files.sample_data("batch").name == "batch"
+
+
+class Pooch(types.ModuleType):
+    """Stands for pooch: fetches nothing, or what a test gives it."""
+
+    def __init__(self, cache, answer):
+        super().__init__("pooch")
+        self.cache, self.answer, self.asked = cache, answer, []
+
+    def os_cache(self, name):
+        return self.cache / name
+
+    def retrieve(self, address, known_hash, fname, path):
+        self.asked.append((address, known_hash))
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        path.mkdir(parents=True)
+        (path / fname).write_bytes(self.answer)
+        return str(path / fname)
+
+
+def test_the_archive_is_fetched_once(archive, tmp_path, monkeypatch):
+    stand_in = Pooch(tmp_path / "cache", archive.read_bytes())
+    monkeypatch.setitem(sys.modules, "pooch", stand_in)
+    first = fw.files.sample_data("stack")
+    assert fw.files.sample_data("stack") == first
+    ((address, known),) = stand_in.asked
+    assert address.endswith(sample_sets.ARCHIVE)
+    assert known == f"sha256:{sample_sets.SHA256}"
+
+
+@pytest.mark.usefixtures("archive")
+@pytest.mark.parametrize("answer", [OSError("no network"), ValueError("hash")])
+def test_what_cannot_be_fetched_is_told_in_a_sentence(tmp_path, monkeypatch, answer):
+    monkeypatch.setitem(sys.modules, "pooch", Pooch(tmp_path / "cache", answer))
+    with pytest.raises(fw.FileProblem, match="could not be fetched .* FRINGEWORKS_SAMPLES") as told:
+        fw.files.sample_data("pair")
+    assert "\n" not in str(told.value)
+
+
+def test_other_faults(archive, tmp_path, monkeypatch):
+    with pytest.raises(fw.InputError, match="expected one of pair, stack"):
+        fw.files.sample_data("bust")
+    monkeypatch.setitem(sys.modules, "pooch", None)
+    with pytest.raises(fw.MissingPackage, match=r"fringeworks\[data\]"):
+        fw.files.sample_data("pair")
+    monkeypatch.setenv(sample_sets.VARIABLE, str(tmp_path))
+    with pytest.raises(fw.FileProblem, match="got no such file"):
+        fw.files.sample_data("pair")
+    archive.write_bytes(archive.read_bytes() + b"0")
+    monkeypatch.setenv(sample_sets.VARIABLE, str(archive.parent))
+    with pytest.raises(fw.FileProblem, match="expected the archive of this version"):
+        fw.files.sample_data("pair")
+
+
+def test_the_package_knows_the_archive_of_its_release():
+    assert len(sample_sets.SHA256) == 64
+    assert f"/v{fw.__version__}/" in sample_sets.ADDRESS

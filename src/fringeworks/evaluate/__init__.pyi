@@ -43,7 +43,15 @@ from .vibrations import (
     Vibration as Vibration,
     vibration as vibration,
 )
+from .budget import (
+    Budget as Budget,
+    BudgetLine as BudgetLine,
+)
+from .monte_carlo import (
+    MonteCarlo as MonteCarlo,
+)
 from ..types import (
+    StatedUncertainty as StatedUncertainty,
     Area as Area,
     Datum as Datum,
     PartTolerance as PartTolerance,

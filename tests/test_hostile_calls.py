@@ -42,6 +42,7 @@ ELSEWHERE = {
         "photograph", "photograph_moving", "photograph_pair", "standard_cameras", "standard_rig", "truth_distance",
         "widened_frame",
     ),
+    "test_nelson": ("append_check",),
     "registries": ("method", "methods", "load_plugin", "Method"),
     "errors": (
         "InputError", "FileProblem", "FolderInUse", "BoardNotFound", "DeviceProblem", "FramesContradictPlan",

@@ -37,6 +37,11 @@ from .gauge_bias import (
     gauge_linearity as gauge_linearity,
     gauge_type1 as gauge_type1,
 )
+from .nelson import (
+    ControlSeries as ControlSeries,
+    NelsonSignal as NelsonSignal,
+    control_series as control_series,
+)
 from .vibrations import (
     AreaTracker as AreaTracker,
     Displacement as Displacement,

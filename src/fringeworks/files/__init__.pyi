@@ -5,6 +5,11 @@ from .plan import (
     write_plan as write_plan,
     write_patterns as write_patterns,
 )
+from .check_history import (
+    CheckHistory as CheckHistory,
+    append_check as append_check,
+    read_check_history as read_check_history,
+)
 from .flash_images import (
     write_flash_images as write_flash_images,
 )

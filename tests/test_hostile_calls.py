@@ -43,6 +43,7 @@ ELSEWHERE = {
         "widened_frame",
     ),
     "test_nelson": ("append_check",),
+    "test_certificate": ("certify", "plan_positions", "check_positions"),
     "registries": ("method", "methods", "load_plugin", "Method"),
     "errors": (
         "InputError", "FileProblem", "FolderInUse", "BoardNotFound", "DeviceProblem", "FramesContradictPlan",

@@ -48,6 +48,27 @@ from .vibrations import (
     Vibration as Vibration,
     vibration as vibration,
 )
+from .acceptance.certify import (
+    Certificate as Certificate,
+    QualityParameter as QualityParameter,
+    certify as certify,
+)
+from .acceptance.measured import (
+    PositionResult as PositionResult,
+)
+from .acceptance.positions import (
+    ArtefactPlace as ArtefactPlace,
+    PositionCheck as PositionCheck,
+    check_positions as check_positions,
+    plan_positions as plan_positions,
+)
+from ..types.certificate import (
+    AcceptanceTest as AcceptanceTest,
+    BallBar as BallBar,
+    PlaneArtefact as PlaneArtefact,
+    TestScan as TestScan,
+    TestVolume as TestVolume,
+)
 from .budget import (
     Budget as Budget,
     BudgetLine as BudgetLine,

@@ -5,6 +5,9 @@ from .plan import (
     write_plan as write_plan,
     write_patterns as write_patterns,
 )
+from .certificate import (
+    read_acceptance_test as read_acceptance_test,
+)
 from .check_history import (
     CheckHistory as CheckHistory,
     append_check as append_check,

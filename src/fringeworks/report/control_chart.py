@@ -105,13 +105,13 @@ def _process(axes: Axes, values: FloatMap, unit: str) -> None:
 
 
 def _signals(axes: Axes, values: FloatMap) -> None:
-    """Numbers of Nelson's rules at the values that complete a pattern of them."""
-    rules: dict[int, list[str]] = {}
+    """At values that complete a pattern of Nelson's rules, the number of the first such rule."""
+    rules: dict[int, int] = {}
     for one in control_series(values).signals:
-        rules.setdefault(one.last, []).append(str(one.rule))
-    for place, numbers in rules.items():
+        rules[one.last] = min(one.rule, rules.get(one.last, one.rule))
+    for place, rule in rules.items():
         axes.annotate(
-            ",".join(numbers),
+            str(rule),
             (place + 1, values[place]),
             xytext=(0, SIGNAL_RISE_PT),
             textcoords="offset points",

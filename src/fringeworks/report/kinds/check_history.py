@@ -14,13 +14,14 @@ from fringeworks.report.kinds.nelson import SIGNAL_COLUMNS, signal_figures, sign
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Table, Text
 from fringeworks.report.page.chapter import Context
 from fringeworks.types.numbers import estimate
-from fringeworks.types.provenance import day
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
 
 AS_PART = {"holds": "pass", "has moved": "fail", "cannot tell": "undecided"}
 """Verdicts of checks in the colours of those of parts."""
+DAY_LETTERS = 10
+"""Letters of the day in a date of ISO 8601."""
 COLUMNS = ("figure", "checks", "mean ± s", "last")
 """Columns of the table of figures."""
 HOW = (
@@ -67,7 +68,7 @@ def _rows(history: CheckHistory) -> list[tuple[str, ...]]:
 
 
 def _signals(history: CheckHistory) -> list[tuple[str, ...]]:
-    names = [day(date) for date in history.dates]
+    names = [date[:DAY_LETTERS] for date in history.dates]
     return [
         (name, *row) for name, one in charted(history).items() for row in signal_rows(one, names)
     ]
@@ -96,7 +97,7 @@ def _chart(history: CheckHistory, name: str) -> Figure:
         [AS_PART[one] for one in history.verdicts],
         (None, None),
         unit=CHARTED[name],
-        names=[day(date) for date in history.dates],
+        names=[date[:DAY_LETTERS] for date in history.dates],
         order="check",
         meanings={"pass": "holds", "fail": "has moved", "undecided": "cannot tell"},
     )

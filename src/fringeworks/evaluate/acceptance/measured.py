@@ -212,9 +212,7 @@ def _of_plane(
     whole = Form("plane", fitted.parameters, rough.distance_mm, region, None, region, ~region)
     return PositionResult(
         name,
-        ArtefactPlace(
-            "plane", name, np.array([middle, middle + arm * normal, middle + arm * along])
-        ),
+        ArtefactPlace("plane", name, middle + arm * np.array([np.zeros(3), normal, along])),
         {"F": (fitted.spread_mm(1.0 - DISCARDED),)},
         {"F": (_sigma("flatness", surface, _areas(surface, [whole]), rig),)},
         int(region.sum()),

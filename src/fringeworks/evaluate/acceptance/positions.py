@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -126,10 +126,7 @@ def plan_positions(test: AcceptanceTest, rig: Rig | None = None) -> tuple[Artefa
         found += _planes(test.plane, centre, size, test.volume.diagonal_mm)
     if rig is None:
         return tuple(found)
-    return tuple(
-        ArtefactPlace(one.artefact, one.name, one.marks_mm, reached(one, test, rig))
-        for one in found
-    )
+    return tuple(replace(one, seen=reached(one, test, rig)) for one in found)
 
 
 def artefact_faults(test: AcceptanceTest) -> list[str]:

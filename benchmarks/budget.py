@@ -7,7 +7,6 @@ tree: one minute. The tables of docs/budget.md.
 from __future__ import annotations
 
 import argparse
-from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -25,40 +24,20 @@ from benchmarks.whole_chain import (
 )
 from fringeworks.evaluate.area_points import AreaPoints, area_points
 from fringeworks.evaluate.quantities import MEASURED
+from fringeworks.evaluate.shares import Source, joined
 from fringeworks.simulate.standard import fringe_plan
 from tests.ray_caster import Ball, Photographs, Sheet, Tube
 
-PARTS = ("noise", "calibration", "blur")
-
-
-class Weighted(AreaPoints):
-    """Points that keep the weights of their whole σ."""
-
-    @property
-    def weights(self) -> Any:
-        return self.known["weights"]
-
-
-def only(area: AreaPoints, part: str) -> AreaPoints:
-    """The points of an area, if they had one part of σ alone."""
-    none = np.zeros_like(area.noise)
-    assert area.by_rig is not None
-    known = {f.name: getattr(area, f.name) for f in fields(area) if f.init}
-    cut = replace(
-        Weighted(**known),
-        noise=area.noise if part == "noise" else none,
-        blur=area.blur if part == "blur" else none,
-        by_rig=area.by_rig if part == "calibration" else np.zeros_like(area.by_rig),
-    )
-    cut.known["weights"] = area.weights
-    return cut
+PARTS: tuple[Source, ...] = ("noise", "calibration", "blur")
 
 
 def share(areas: list[AreaPoints], kind: str) -> tuple[float, list[float]]:
-    """σ of a quantity, and what its parts are by themselves, in µm or milli-degrees."""
-    whole = MEASURED[kind](*areas).sigma
-    cut = ([only(area, part) for area in areas] for part in PARTS)
-    return 1e3 * float(whole), [1e3 * float(MEASURED[kind](*one).sigma) for one in cut]
+    """σ of a quantity and its parts, in µm or milli-degrees."""
+    found = MEASURED[kind](*areas)
+    parts = {one.source: 1e3 * one.sigma for one in joined(found.shares)}
+    # What the removal of noise leaves unknown belongs to the noise.
+    parts["noise"] = float(np.hypot(parts.get("noise", 0.0), parts.get("form filter", 0.0)))
+    return 1e3 * found.sigma, [parts[part] for part in PARTS]
 
 
 def main() -> None:

@@ -15,6 +15,7 @@ import numpy as np
 
 import fringeworks as fw
 from fringeworks.evaluate.area_points import AreaPoints, area_points
+from fringeworks.evaluate.budget import budget_of
 from fringeworks.evaluate.quantities import MEASURED
 from fringeworks.rig.pinhole import look_at, project, rotation
 from fringeworks.simulate.standard import board_poses, fringe_plan, standard_rig
@@ -161,8 +162,8 @@ def middle(true: fw.Rig, cloud: fw.PointCloud, area: fw.evaluate.Area, T: Any) -
     return np.mean(ways * ((T[:3, 3] @ T[:3, 2]) / (ways @ T[:3, 2]))[:, None], axis=0)
 
 
-def scores(seed: int) -> dict[str, list[float]]:
-    """Errors over stated σ of the quantities of one rig."""
+def scores(seed: int) -> dict[str, list[tuple[float, float]]]:
+    """Errors of the quantities of one rig: over stated σ, and over the U of their budgets."""
     rng = np.random.default_rng([7, seed])
     true = random_rig(rng)
     light = {"blur_px": float(rng.choice(BLURS_PX)), "noise": float(rng.uniform(0.5, 2.0))}
@@ -178,7 +179,7 @@ def scores(seed: int) -> dict[str, list[float]]:
     low = pose_of(rng, 12.0, (-35.0, 0.0, 505.0))
     high = low.copy()
     high[:3, 3] += 70.0 * low[:3, 0] - rng.uniform(2.0, 15.0) * low[:3, 2]
-    found: dict[str, list[float]] = defaultdict(list)
+    found: dict[str, list[tuple[float, float]]] = defaultdict(list)
 
     def see(
         bodies: list[Any], areas: list[fw.evaluate.Area], seed: int
@@ -189,7 +190,9 @@ def scores(seed: int) -> dict[str, list[float]]:
 
     def put(kind: str, truth: float, *areas: AreaPoints) -> None:
         quantity = MEASURED[kind](*areas)
-        found[kind].append(float((quantity.value - truth) / quantity.sigma))
+        error = quantity.value - truth
+        expanded = budget_of(quantity, areas).expanded
+        found[kind].append((float(error / quantity.sigma), float(error / expanded)))
 
     _, seen = see([*balls, wall], [disc(true, ball) for ball in balls], 100)
     for ball, area in zip(balls, seen, strict=True):
@@ -214,21 +217,22 @@ def main() -> None:
     options.add_argument("--first", type=int, default=0, help="first seed")
     options.add_argument("--rigs", type=int, default=40, help="number of rigs")
     given = options.parse_args()
-    all_of_them: dict[str, list[float]] = defaultdict(list)
+    all_of_them: dict[str, list[tuple[float, float]]] = defaultdict(list)
     for seed in range(given.first, given.first + given.rigs):
         try:
             found = scores(seed)
         except fw.InputError as problem:
             print(f"{seed}: refused: {problem}", flush=True)
             continue
-        print(f"{seed}:", {k: [round(z, 1) for z in v] for k, v in found.items()}, flush=True)
+        print(f"{seed}:", {k: [round(z, 1) for z, _ in v] for k, v in found.items()}, flush=True)
         for kind, values in found.items():
             all_of_them[kind] += values
     for kind, values in all_of_them.items():
-        z = np.array(values)
+        z, of_expanded = np.array(values).T
         print(
             f"{kind}: {len(z)}, rms {np.sqrt(np.mean(z**2)):.2f}, mean {z.mean():+.2f}, largest "
-            f"{np.abs(z).max():.2f}, within 2 σ {np.mean(np.abs(z) < 2):.0%}; wrong accepts at an "
+            f"{np.abs(z).max():.2f}, within 2 σ {np.mean(np.abs(z) < 2):.0%}, within U "
+            f"{np.mean(np.abs(of_expanded) < 1):.0%}; wrong accepts at an "
             f"upper and a lower limit, risk 5 %: {np.mean(z < -ONE_SIDED):.0%}, "
             f"{np.mean(z > ONE_SIDED):.0%}"
         )

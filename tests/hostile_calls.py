@@ -370,6 +370,7 @@ def calls() -> list[Call]:
         call("vibration", moved=fw.evaluate.Displacement(np.arange(64.0), np.sin(np.arange(64.0)), np.full(64, 0.1))),
         call("gauge_study", values=GAUGED, parts=[k % 4 for k in range(24)], operators=[k // 8 for k in range(24)], tolerance=2.0, spread=6.0),
         Call("gauge_study", lambda values, parts: fw.evaluate.gauge_study(values, parts).component("gauge"), {"values": GAUGED, "parts": np.arange(24) % 6}),
+        call("control_series", values=GAUGED, mean=0.1, sigma=0.5),
         call("gauge_type1", values=GAUGED, reference=0.1, tolerance=2.0, share=0.2, spread=6.0, reference_sigma=0.01),
         call("gauge_linearity", values=GAUGED, references=np.arange(24.0) % 6),
         call("AreaTracker", areas={"a": fw.evaluate.Area(box=(2, 2, 9, 9))}),

@@ -43,6 +43,8 @@ ELSEWHERE = {
         "photograph", "photograph_moving", "photograph_pair", "standard_cameras", "standard_rig", "truth_distance",
         "widened_frame",
     ),
+    "test_nelson": ("append_check",),
+    "test_certificate": ("certify", "plan_positions", "check_positions"),
     "registries": ("method", "methods", "load_plugin", "Method"),
     "errors": (
         "InputError", "FileProblem", "FolderInUse", "BoardNotFound", "DeviceProblem", "FramesContradictPlan",

@@ -14,7 +14,9 @@ from fringeworks.cli.commands import run
 from fringeworks.evaluate import inspect as inspect_module
 from fringeworks.evaluate.area_points import area_points
 from fringeworks.evaluate.inspect import decide, masked
-from fringeworks.evaluate.quantities import MEASURED, Quantified
+from fringeworks.evaluate.quantified import Quantified
+from fringeworks.evaluate.quantities import MEASURED
+from fringeworks.evaluate.shares import Share
 from fringeworks.rig.pinhole import rotation
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
@@ -152,7 +154,7 @@ def test_heights_over_a_plane_are_judged_as_well():
     ],
 )
 def test_decisions_keep_a_guard_band(seen, noise, low, high, expected):
-    found = Quantified(seen - noise, 0.1, "mm", noise)
+    found = Quantified(seen - noise, (Share("noise", 0.1),), "mm", noise)
     tolerance = fw.evaluate.PartTolerance("t", "flatness", ("a",), low, high)
     assert decide(found, tolerance, 0.05) == expected
 

@@ -56,7 +56,7 @@ def test_a_report_says_what_the_terminal_says(tmp_path, limits, verdict, said):
         "min",
         "max",
         "value",
-        "U (k = 2)",
+        "U (95 %)",
         "verdict",
     ]
     check = found.checks[0]
@@ -65,7 +65,9 @@ def test_a_report_says_what_the_terminal_says(tmp_path, limits, verdict, said):
     assert one[3:5] == [f"{v:g}" for v in limits]
     assert float(one[2]) == pytest.approx(np.mean(limits))
     assert float(one[5].split()[0]) == pytest.approx(check.value, abs=0.5 * 10.0**-decimals)
-    assert float(one[6].split()[0]) == pytest.approx(2 * check.sigma, abs=0.5 * 10.0**-decimals)
+    assert float(one[6].split()[0]) == pytest.approx(
+        check.budget.expanded, abs=0.5 * 10.0**-decimals
+    )
     assert one[7].startswith(verdict)
     assert two[2:5] == ["0", "–", "0.9"]
     # A picture of each tolerance's area, and the surface to turn.

@@ -22,6 +22,9 @@ ELSEWHERE = {
     "fringeworks paper ": "takes a minute: tests/test_examples.py",
     "fringeworks --plugin own_method.py ": "would register a method for all tests of this process: "
     "tests/test_examples.py, tests/test_cli.py",
+    "fringeworks rig check monday/ ": "a history: tests/test_nelson.py, tests/test_rig_check.py",
+    "fringeworks rig history ": "a history: tests/test_nelson.py",
+    "fringeworks certificate ": "thirteen scans: tests/test_certificate.py",
     "fringeworks merge ": "many views: tests/test_merging.py",
     "fringeworks calibrate left/ ": "two cameras: tests/test_cameras_files.py",
     "fringeworks measure part/left ": "two cameras: tests/test_cameras_files.py",

@@ -9,12 +9,11 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.evaluate.area_points import area_points
-from fringeworks.evaluate.inspect import measure_tolerance
 from fringeworks.evaluate.tolerances import skins
 from fringeworks.evaluate.tolerances.association import associate
 from fringeworks.evaluate.tolerances.bodies import Body, everything, invariant, shared
 from fringeworks.evaluate.tolerances.datums import System
-from fringeworks.evaluate.tolerances.measure import prepared
+from fringeworks.evaluate.tolerances.measure import measure_tolerance, prepared
 from fringeworks.evaluate.tolerances.minimax import _by_library, smallest_largest
 from fringeworks.evaluate.tolerances.smooth import smooth
 from fringeworks.rig.point_errors import point_errors

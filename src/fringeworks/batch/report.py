@@ -14,9 +14,11 @@ from fringeworks.batch.part_reports import Parts, write_part_reports
 from fringeworks.batch.run import BatchResult
 from fringeworks.evaluate.capability import CONFIDENCE, Interval, capability
 from fringeworks.evaluate.inspect import recipe_hash
+from fringeworks.evaluate.nelson import control_series
 from fringeworks.files.atomic import StrPath
 from fringeworks.report.control_chart import control_chart
 from fringeworks.report.drawing import need_plots
+from fringeworks.report.kinds.nelson import SIGNAL_COLUMNS, signal_rows
 from fringeworks.report.page.blocks import Block, Chapter, Origin, Picture, Table, Text
 from fringeworks.report.page.parts import dict_table, facts
 from fringeworks.report.page.report import check_report_target, write_page
@@ -41,7 +43,8 @@ HOW_CAPABLE = (
 """Note below the table of capabilities."""
 HOW_CHARTED = (
     "Bars are U (k = 2). Control limits follow from the differences of neighbouring parts: values "
-    "beyond them are no chance, whether or not they keep the tolerance."
+    "beyond them are no chance, whether or not they keep the tolerance. Digits at values are the "
+    "numbers of Nelson's rules that they complete; by chance, one value in 44 completes one."
 )
 """Note above the control charts."""
 
@@ -89,6 +92,7 @@ def write_batch_report(
             "Control charts",
             (
                 Text(HOW_CHARTED),
+                *_signals(ordered),
                 *(_chart(ordered, one) for one in result.tolerances),
                 _coverage(ordered),
                 _origin(ordered),
@@ -262,6 +266,21 @@ def _order(result: BatchResult) -> str:
     """Label of the axis of parts."""
     dates = [row["taken"] for row in result.rows if row.get("taken")]
     return f"parts, {day(min(dates))} … {day(max(dates))}" if dates else "parts"
+
+
+def _signals(result: BatchResult) -> tuple[Block, ...]:
+    """Patterns of Nelson's rules in the values of all tolerances."""
+    names = [str(row["scan"]) for row in result.rows]
+    rows = [
+        (one.name, *row)
+        for one in result.tolerances
+        for row in signal_rows(control_series(_column(result, one.name)), names)
+    ]
+    if not rows:
+        return (Text("No pattern of Nelson's rules in any of them."),)
+    more = len(rows) - MOST_LISTED
+    table = Table(("tolerance", *SIGNAL_COLUMNS), tuple(rows[:MOST_LISTED]), "Patterns (Nelson)")
+    return (table, Text(f"… and {more} more patterns.")) if more > 0 else (table,)
 
 
 def _coverage(result: BatchResult) -> Picture:

@@ -14,7 +14,8 @@ from fringeworks.cli import output
 # Importing a file registers its commands. The order of the help is that of the sections.
 from fringeworks.cli import devices, rigs, pairs, patterns, results  # noqa: F401 isort: skip
 from fringeworks.cli import inspecting, batches, comparing, merging, meshing  # noqa: F401 isort: skip
-from fringeworks.cli import deviating, reports, robots, scoring, simulation, stacks, studying  # noqa: F401 isort: skip
+from fringeworks.cli import deviating, reports, robots, scoring, simulation, stacks  # noqa: F401 isort: skip
+from fringeworks.cli import certifying, studying  # noqa: F401 isort: skip
 
 
 def run(arguments: Sequence[str]) -> int:

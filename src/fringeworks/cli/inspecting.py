@@ -30,6 +30,10 @@ def inspect_part(
         Path | None, typer.Option("--out", help="Write the surface: .ply, .npz, .tif …")
     ] = None,
     ply: PlyOption = Ply.points,
+    monte_carlo: Annotated[
+        int,
+        typer.Option(help="Draws of a Monte Carlo beside each uncertainty budget; 0 for none."),
+    ] = 0,
     *,
     show: ShowOptions,
 ) -> None:
@@ -42,7 +46,7 @@ def inspect_part(
     with output.progress() as progress:
         progress("measuring …")
         known = fw.files.read_recipe(recipe)
-        found = fw.inspect(capture, known)
+        found = fw.inspect(capture, known, draws=monte_carlo)
     if out is not None:
         with output.target(out, ".ply") as place:
             fw.write(place, found.surface, kind=ply.value)

@@ -21,7 +21,7 @@ PANELS = {
     "scale in robot-pose poses-as",
     "Method": "live method option against denoise zero response estimate-response estimate-steps "
     "relative phases unwrap contrast adjust kind min-period max-period camera-pixel robust",
-    "Output": "out capture ply figure panel no-title report json csv markdown timing force",
+    "Output": "out capture ply figure panel no-title report json csv markdown timing force history",
 }
 """Names of options by panel. An option means the same in every command, so it has one panel."""
 FIRST = {

@@ -42,10 +42,18 @@ def check(
         typer.Option("--adjust", help="Correct relative pose and focal lengths, write --out."),
     ] = False,
     out: Annotated[Path | None, typer.Option("--out", help="Corrected rig, with --adjust.")] = None,
+    history: Annotated[
+        Path | None,
+        typer.Option(help="Table (.csv) of all checks of the rig, to which this one is added."),
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Check whether a rig still holds; exit code 0 holds, 3 has moved, 4 cannot tell."""
+    from fringeworks.files.atomic import check_target
+
     words = output.Output(out, json_file)
+    if history is not None:
+        check_target(history, (".csv",))
     if adjust != (out is not None):
         raise fw.InputError("--adjust: expected together with --out")
     output.check(out, "rig")
@@ -59,6 +67,8 @@ def check(
     figures = fw.report.summarise(found)
     output.write_json(json_file, figures)
     words.tell(found, figures)
+    if history is not None:
+        _chart(words, fw.files.append_check(history, found))
     if out is None or found.verdict == "holds":
         if out is not None:
             words.say(f"{out}: not written, because the rig holds")
@@ -67,6 +77,41 @@ def check(
     with output.target(out, ".toml") as place:
         fw.files.write_rig(place, adjusted)
     words.wrote(out)
+
+
+def _chart(words: output.Output, history: fw.files.CheckHistory) -> None:
+    """Tell the patterns that the last check completes."""
+    from fringeworks.report.kinds.check_history import charted
+
+    last = len(history.dates) - 1
+    for name, series in charted(history).items():
+        for one in series.signals:
+            if one.last == last:
+                words.say(f"control chart of {name}: {one}")
+
+
+@rigs.command(
+    name="history",
+    epilog="Example: fringeworks rig history checks.csv --report checks.html",
+)
+def show_history(
+    table: Annotated[Path, typer.Argument(help="Table of `rig check --history`.")],
+    report: Annotated[
+        Path | None, typer.Option(help="Write a report: a page to hand on, .html or .pdf.")
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Chart all checks of a rig, and look for the patterns of Nelson's rules."""
+    words = output.Output(report, json_file)
+    output.check(report, "report")
+    found = fw.files.read_check_history(table)
+    figures = fw.report.summarise(found)
+    words.tell(found, figures)
+    if report is not None:
+        with output.target(report, ".html") as place:
+            fw.write_report(place, {f"Checks of a rig: {table.stem}": found})
+    output.write_json(json_file, figures)
+    words.wrote(report, json_file)
 
 
 @rigs.command(

@@ -49,13 +49,47 @@ from .gauge_bias import (
     gauge_linearity as gauge_linearity,
     gauge_type1 as gauge_type1,
 )
+from .nelson import (
+    ControlSeries as ControlSeries,
+    NelsonSignal as NelsonSignal,
+    control_series as control_series,
+)
 from .vibrations import (
     AreaTracker as AreaTracker,
     Displacement as Displacement,
     Vibration as Vibration,
     vibration as vibration,
 )
+from .acceptance.certify import (
+    Certificate as Certificate,
+    QualityParameter as QualityParameter,
+    certify as certify,
+)
+from .acceptance.measured import (
+    PositionResult as PositionResult,
+)
+from .acceptance.positions import (
+    ArtefactPlace as ArtefactPlace,
+    PositionCheck as PositionCheck,
+    check_positions as check_positions,
+    plan_positions as plan_positions,
+)
+from ..types.certificate import (
+    AcceptanceTest as AcceptanceTest,
+    BallBar as BallBar,
+    PlaneArtefact as PlaneArtefact,
+    TestScan as TestScan,
+    TestVolume as TestVolume,
+)
+from .budget import (
+    Budget as Budget,
+    BudgetLine as BudgetLine,
+)
+from .monte_carlo import (
+    MonteCarlo as MonteCarlo,
+)
 from ..types import (
+    StatedUncertainty as StatedUncertainty,
     Area as Area,
     Datum as Datum,
     PartTolerance as PartTolerance,

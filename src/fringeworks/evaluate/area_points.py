@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
+from fringeworks.evaluate.shares import Share, Shares, scaled, total
 from fringeworks.rig.point_errors import point_errors
 from fringeworks.surface.section import organised_points, places
 from fringeworks.types import (
@@ -70,6 +71,12 @@ class AreaPoints:
     """Errors of each cell's points that the rig's covariance stands for, (cells, 3, k), mm: k
     independent parts, which all areas have in common. None where no covariance is known: the
     common errors of patches then count."""
+    scales: Shares = field(default=(), kw_only=True)
+    """Stated errors of the scale of all points, such as by temperature: the source of each, its
+    standard deviation, relative, and the degrees of freedom of that."""
+    still: FloatMap | float = field(default=0.0, kw_only=True)
+    """Point that such an error does not move, (3,), mm; quantities of points alone do not depend
+    on it."""
     known: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
     """What was computed of these points, by its name; see ``once``."""
     computing: AbstractContextManager[Any] = field(
@@ -141,30 +148,45 @@ class Term(NamedTuple):
 
 
 def sigma_of(terms: Sequence[Term]) -> float:
-    """Return the standard deviation of a quantity that changes linearly with its points.
+    """Return the standard deviation of a quantity that changes linearly with its points."""
+    return total(shares_of(terms))
+
+
+def shares_of(terms: Sequence[Term]) -> Shares:
+    """Return the parts of the standard deviation of such a quantity.
 
     Notes
     -----
     Noise adds up as independent numbers. Errors of the calibration move all points of all areas
     together, as the rig's covariance tells; where none is known, those of a patch add up as one
-    number, and patches are independent. What is left of the camera's blur is one number for all.
+    number, and patches are independent. What is left of the camera's blur is one number for all,
+    and so is each stated error of the scale.
     """
-    variance, blur = 0.0, 0.0
+    noise, neighbours, blur, scale = 0.0, 0.0, 0.0, 0.0
     by_rig: FloatMap | float = 0.0
     for area, weights, direction in terms:
         group, groups = area.patch, PATCHES**2
         if area.by_rig is not None:
             group, groups = area.cell, len(area.by_rig)
         errors = (area.by_value, area.noise, area.common, area.blur, group)
-        weights, direction = (np.ascontiguousarray(a, np.float64) for a in (weights, direction))
-        own, along, sums = _core.error_sums(errors, weights, direction.reshape(-1, 3), groups)
-        variance += own
+        held = [np.ascontiguousarray(a, np.float64) for a in (weights, direction)]
+        own, along, sums = _core.error_sums(errors, held[0], held[1].reshape(-1, 3), groups)
+        noise += own
         blur += along
+        if area.scales:
+            scale += float(weights @ _along(area.points - area.still, direction))
         if area.by_rig is None:
-            variance += float(np.sum(sums[:, 0] ** 2))
+            neighbours += float(np.sum(sums[:, 0] ** 2))
         else:
             by_rig = by_rig + np.einsum("ck,ckj->j", sums[:, 1:], area.by_rig)
-    return float(np.sqrt(variance + blur**2 + np.sum(np.square(by_rig))))
+    stated = terms[0].area.scales if terms else ()
+    return (
+        Share("noise", float(np.sqrt(noise))),
+        Share("neighbours", float(np.sqrt(neighbours))),
+        Share("blur", abs(blur)),
+        Share("calibration", float(np.sqrt(np.sum(np.square(by_rig))))),
+        *scaled(stated, abs(scale)),
+    )
 
 
 def _along(vectors: FloatMap, direction: FloatMap) -> FloatMap:
@@ -174,7 +196,13 @@ def _along(vectors: FloatMap, direction: FloatMap) -> FloatMap:
     return np.asarray(np.einsum("nc,nc->n", vectors, direction))
 
 
-def area_points(surface: HeightMap | PointCloud, area: Area, rig: Rig | None = None) -> AreaPoints:
+def area_points(
+    surface: HeightMap | PointCloud,
+    area: Area,
+    rig: Rig | None = None,
+    *,
+    scales: Shares = (),
+) -> AreaPoints:
     """Return the measured points of an area.
 
     Parameters
@@ -183,6 +211,8 @@ def area_points(surface: HeightMap | PointCloud, area: Area, rig: Rig | None = N
     area : Area
     rig : Rig, optional
         Rig that measured the cloud; ignored for height maps.
+    scales : tuple of Share
+        Stated errors of the scale, relative.
 
     Raises
     ------
@@ -229,6 +259,7 @@ def area_points(surface: HeightMap | PointCloud, area: Area, rig: Rig | None = N
         cell,
         _inner(surface, rows, columns),
         by_rig,
+        scales=scales,
     )
 
 

@@ -9,21 +9,17 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from statistics import NormalDist
-from threading import Lock
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 
-from fringeworks.evaluate.area_points import AreaPoints, area_points
-from fringeworks.evaluate.deviation import Deviation, deviation
-from fringeworks.evaluate.quantities import (
-    MEASURED,
-    Quantified,
-    area_deviation,
-    deviation_max,
-)
+from fringeworks.evaluate.budget import Budget, budget_of
+from fringeworks.evaluate.deviation import Deviation
+from fringeworks.evaluate.monte_carlo import LEAST_DRAWS, MonteCarlo
+from fringeworks.evaluate.part_areas import PartAreas, kept
+from fringeworks.evaluate.quantified import Quantified
+from fringeworks.evaluate.quantities import area_deviation, deviation_max
 from fringeworks.evaluate.spots import find_spots
-from fringeworks.evaluate.tolerances.measure import measure_tolerance
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.provenance import source_of
 from fringeworks.files.recipe import read_recipe
@@ -54,18 +50,22 @@ from fringeworks.types import (
     fingerprint,
     found_before,
     sealed,
+    whole,
 )
 from fringeworks.types.numbers import estimate, limit, number
-from fringeworks.types.recipe import CHARACTERISTICS, FROM_MODEL, USUAL_RISK
+from fringeworks.types.recipe import USUAL_RISK
 
 Verdict = Literal["pass", "fail", "undecided"]
 SPOT_PLACE_MM = 0.1
 """Standard deviation that places of spots are said with, mm: a spot covers some pixels."""
+MANY_FREEDOM_K = 2.0
+"""Coverage factor of 95 % for many degrees of freedom."""
 QUANTITIES_AT_ONCE = 4
 """Largest number of quantities that are computed at the same time. Each takes some arrays of its
 area, 100 bytes a point, and parts have few areas that are large."""
 
-Known = TypeVar("Known")
+MOST_DRAWS = 1_000_000
+"""Largest number of draws of a Monte Carlo: those that JCGM 101:2008, 7.2.2 takes as sufficient."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,6 +81,15 @@ class Check(Frozen):
     verdict: Verdict
     why: str = ""
     """Why it fails or is undecided; empty where it passes."""
+    budget: Budget | None = None
+    """The parts of ``sigma``; None where it was not measured, or read from a table."""
+    monte_carlo: MonteCarlo | None = None
+    """What Monte Carlo makes of the same; None where it was not asked for."""
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty U of 95 %: k σ, with k = 2 where no budget is known."""
+        return MANY_FREEDOM_K * self.sigma if self.budget is None else self.budget.expanded
 
     def __str__(self) -> str:
         low, high = self.tolerance.low, self.tolerance.high
@@ -116,7 +125,10 @@ class Inspection(Noted, Plotted, Frozen):
 
 
 def inspect(
-    capture: StrPath | Pair | Stack | HeightMap | PointCloud, recipe: Recipe | StrPath
+    capture: StrPath | Pair | Stack | HeightMap | PointCloud,
+    recipe: Recipe | StrPath,
+    *,
+    draws: int = 0,
 ) -> Inspection:
     """Measure a part by a recipe, and judge its tolerances.
 
@@ -124,6 +136,9 @@ def inspect(
     ----------
     capture : path of a capture, Pair, Stack; or a HeightMap or PointCloud measured before
     recipe : Recipe or path
+    draws : int
+        Number of draws of a Monte Carlo beside the budget of each quantity; 0 for none. A draw
+        takes 10 to 200 ms a quantity.
 
     Returns
     -------
@@ -152,67 +167,32 @@ def inspect(
             replace(finding, seen=f"in the whole frame: {finding.seen}") for finding in findings
         )
     with found_before(findings):
-        checks = judge_part(surface, recipe)
+        checks = judge_part(surface, recipe, draws=draws)
     return Inspection(checks, surface, findings, time.perf_counter() - started, recipe)
 
 
-def judge_part(surface: HeightMap | PointCloud, recipe: Recipe) -> tuple[Check, ...]:
+def judge_part(
+    surface: HeightMap | PointCloud, recipe: Recipe, *, draws: int = 0
+) -> tuple[Check, ...]:
     """Judge the tolerances of a recipe on a surface; see ``inspect``."""
-    # The errors of a rig show in points alone.
-    rig = rig_of(recipe) if recipe.rig and isinstance(surface, PointCloud) else None
-
-    def points(name: str) -> AreaPoints:
-        return area_points(surface, recipe.areas[name], rig)
-
-    def distances(name: str) -> AreaPoints:
-        if not isinstance(surface, PointCloud):
-            raise InputError(
-                "deviation: expected a point cloud, got heights: give the recipe a rig"
-            )
-        return area_deviation(against(""), recipe.areas[name], rig)
-
-    def from_model(_: str) -> Deviation:
-        assert isinstance(surface, PointCloud)
-        assert recipe.model is not None
-        one = recipe.model
-        return deviation(surface, one.mesh, align=one.align, rig=rig, reach_mm=one.reach_mm)
-
-    of_area, of_model, against = _kept(points), _kept(distances), _kept(from_model)
+    if draws and not whole(draws, LEAST_DRAWS, MOST_DRAWS):
+        raise InputError(
+            f"draws: expected {LEAST_DRAWS} to {MOST_DRAWS}, or 0 for no Monte Carlo, got {draws}"
+        )
+    part = PartAreas(surface, recipe, rig_of(recipe) if recipe.rig else None)
 
     def checked(one: PartTolerance) -> Check:
-        def measure() -> Quantified:
-            if one.quantity in CHARACTERISTICS:
-                return measure_tolerance(one, recipe, of_area, of_model)
-            named = of_model if one.quantity in FROM_MODEL else of_area
-            return MEASURED[one.quantity](*(named(name) for name in one.areas))
+        def budget(found: Quantified) -> tuple[Budget, MonteCarlo | None]:
+            parts = part.budget(one, found)
+            if not draws or not parts.lines:
+                return parts, None
+            return parts, part.monte_carlo(one, found, parts, draws=draws)
 
-        return _checked(one, measure, recipe.risk)
+        return _checked(one, lambda: part.measure(one), recipe.risk, budget)
 
     # Side by side: arrays are summed without the interpreter's lock.
     with ThreadPoolExecutor(min(QUANTITIES_AT_ONCE, os.cpu_count() or 1)) as pool:
         return tuple(pool.map(checked, recipe.tolerances))
-
-
-def _kept(compute: Callable[[str], Known]) -> Callable[[str], Known]:
-    """Compute what is known of each area once; a problem names the area each time."""
-    known: dict[str, Known | InputError] = {}
-    every, locks = Lock(), dict[str, Lock]()
-
-    def kept(name: str) -> Known:
-        with every:
-            own = locks.setdefault(name, Lock())
-        with own:
-            if name not in known:
-                try:
-                    known[name] = compute(name)
-                except InputError as problem:
-                    known[name] = problem
-            found = known[name]
-        if isinstance(found, InputError):
-            raise found.at(name) if name else found
-        return found
-
-    return kept
 
 
 def decide(found: Quantified, tolerance: PartTolerance, risk: float) -> Verdict:
@@ -232,7 +212,12 @@ def decide(found: Quantified, tolerance: PartTolerance, risk: float) -> Verdict:
     return "undecided"
 
 
-def _checked(tolerance: PartTolerance, measure: Callable[[], Quantified], risk: float) -> Check:
+def _checked(
+    tolerance: PartTolerance,
+    measure: Callable[[], Quantified],
+    risk: float,
+    budget: Callable[[Quantified], tuple[Budget, MonteCarlo | None]],
+) -> Check:
     try:
         found = measure()
     except InputError as problem:
@@ -243,7 +228,7 @@ def _checked(tolerance: PartTolerance, measure: Callable[[], Quantified], risk: 
         why = _why_failed(found, tolerance)
     elif verdict == "undecided":
         why = _why_undecided(found, tolerance, risk)
-    return Check(tolerance, found.value, found.sigma, found.unit, verdict, why)
+    return Check(tolerance, found.value, found.sigma, found.unit, verdict, why, *budget(found))
 
 
 def _why_failed(found: Quantified, tolerance: PartTolerance) -> str:
@@ -336,7 +321,12 @@ def judge_deviation(
             why = f"a {kind} of {number(size, spot.sigma_mm, 'mm')} at ({where}) mm of the model"
             return Check(one, size, spot.sigma_mm, "mm", "fail", why)
     area = Area(mask=sealed(ok))
-    return _checked(one, lambda: deviation_max(area_deviation(found, area, rig)), risk)
+    part = kept(lambda _: area_deviation(found, area, rig))
+
+    def budget(value: Quantified) -> tuple[Budget, None]:
+        return budget_of(value, [part("")]), None
+
+    return _checked(one, lambda: deviation_max(part("")), risk, budget)
 
 
 def recipe_hash(recipe: Recipe) -> str:

@@ -5,26 +5,33 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.evaluate.area_points import AreaPoints, Term, area_points, noise_along, sigma_of
+from fringeworks.evaluate.area_points import (
+    AreaPoints,
+    Term,
+    area_points,
+    noise_along,
+    shares_of,
+)
 from fringeworks.evaluate.deviation import Deviation
-from fringeworks.statistics.quantiles import smallest
+from fringeworks.evaluate.quantified import (
+    Noise,
+    Quantified,
+    freed,
+    freed_range,
+    kept_of,
+    narrowest,
+    narrowest_range,
+)
+from fringeworks.evaluate.shares import Share, Shares, scaled, total
 from fringeworks.surface.form import DISCARDED, Form, fit_region
 from fringeworks.surface.form_geometry import BodyKind
 from fringeworks.types import Area, FloatMap, InputError, PointCloud, Reason, Rig
 from fringeworks.types.numbers import percent
 
-REPEATED = 8
-"""Number of times that noise is added: its mean effect is then known to a third of its scatter."""
-MOST_POINTS = 100_000
-"""Approximate number of points, evenly thinned, to which it is added."""
-EXTRAPOLATED = 0.12
-"""Standard deviation of the share of noise that is extrapolated, over that share. On planes, waves,
-wedges, steps and bumps of 2 to 50 times the noise, it was 1 % to 22 % too large."""
 SECTION_POINTS = 300
 """Number of points of a section of a cylinder: 0.3 % of them are one."""
 MOST_SECTIONS = 9
@@ -35,125 +42,6 @@ PARALLEL_SINE = 1e-9
 """Sine of an angle below which two planes are parallel to rounding."""
 LEAST_SHARE_OF_VOLUME = 0.99
 """Smallest share of measured pixels of a volume: nothing is known about the rest."""
-
-
-@dataclass(frozen=True)
-class Quantified:
-    """A quantity that was measured."""
-
-    value: float
-    """The quantity, less what noise alone has added to it."""
-    sigma: float
-    """Standard deviation of the value, of noise and of calibration."""
-    unit: str
-    noise: float = 0.0
-    """What noise has added to what was seen; 0 where it does not add up."""
-    seen_sigma: float | None = None
-    """Standard deviation of what was seen; None for that of the value."""
-
-    @property
-    def seen(self) -> float:
-        """The quantity of the points as they were measured, with their noise."""
-        return self.value + self.noise
-
-
-class Noise(NamedTuple):
-    """What noise alone would make of a quantity that cannot be negative."""
-
-    value: float
-    """Its expected value."""
-    spread: float
-    """Standard deviation around it."""
-
-
-def narrowest_range(values: FloatMap) -> tuple[float, int, int]:
-    """Return the narrowest range that holds 99.7 % of the values, and where its ends lie.
-
-    Returns
-    -------
-    range, index of the largest and of the smallest value in it
-    """
-    count = values.size - _kept(values.size) + 1
-    # The ends of a range are among as many of the smallest and of the largest values.
-    ends = (np.flatnonzero(smallest(one, count)) for one in (values, -values))
-    low, high = (part[np.argsort(values[part])] for part in ends)
-    ranges = values[high] - values[low]
-    first = int(np.argmin(ranges))
-    return float(ranges[first]), int(high[first]), int(low[first])
-
-
-def _kept(count: int) -> int:
-    """Number of so many values without the discarded share."""
-    return max(int(np.ceil((1.0 - DISCARDED) * count)), 1)
-
-
-def _narrowest(values: FloatMap) -> float:
-    return narrowest_range(values)[0]
-
-
-def freed(seen: float, sigma: float, noise: Noise, unit: str) -> Quantified:
-    """Return a quantity that cannot be negative without the share of noise.
-
-    Parameters
-    ----------
-    seen : float ≥ 0
-        The quantity of the noisy points, F.
-    sigma : float
-        Its standard deviation by all that is no noise.
-    noise : Noise
-        R ± r.
-
-    Notes
-    -----
-    Squares of noise and true value add up: the value is √(F² − R²). With s² = σ² + r², its standard
-    deviation is s (F + R) / √(F² − R²), so that a value is as many of them from 0 as F is from R;
-    but at most √((R + s)² − R²), where F is within s of R.
-    """
-    level, s = noise.value, float(np.hypot(sigma, noise.spread))
-    value = float(np.sqrt(max(seen**2 - level**2, 0.0)))
-    most = float(np.sqrt((level + s) ** 2 - level**2))
-    own = min(s * (seen + level) / value, most) if value > 0.0 else most
-    return Quantified(value, own, unit, seen - value, s)
-
-
-def freed_range(
-    values: FloatMap,
-    noise: FloatMap,
-    range_of: Callable[[FloatMap], float],
-    sigma: float,
-    unit: str = "mm",
-) -> Quantified:
-    """Return a range of values without what noise adds to it.
-
-    Parameters
-    ----------
-    values : (n,) array
-        Measured values.
-    noise : (n,) array
-        Standard deviations of their independent noise.
-    range_of : function
-        Of the values; not below 0.
-    sigma : float
-        Standard deviation of the range by all that is no noise.
-
-    Notes
-    -----
-    Noise of variance v moves the ends of a range by about √v, whether it makes the range or lies on
-    top of a form. As much noise again is added to the values, which shows by how much the range
-    grows from √v to √2v, and the range is extrapolated to v = 0 (simulation extrapolation: Cook &
-    Stefanski, JASA 89, 1994).
-    """
-    seen = range_of(values)
-    step = -(-len(values) // MOST_POINTS)
-    values, noise = values[::step], noise[::step]
-    random = np.random.default_rng(0)
-    drawn = [range_of(values + noise * random.normal(size=len(noise))) for _ in range(REPEATED)]
-    factor = 1.0 / (2.0**0.5 - 1.0)
-    share = factor * max(float(np.mean(drawn)) - range_of(values), 0.0)
-    scatter = factor * float(np.std(drawn, ddof=1))
-    whole = float(np.hypot(np.hypot(sigma, scatter), EXTRAPOLATED * share))
-    value = max(seen - share, 0.0)
-    return Quantified(value, whole, unit, seen - value, float(np.hypot(sigma, scatter / factor)))
 
 
 @dataclass(frozen=True)
@@ -172,14 +60,21 @@ class AreaDeviation(AreaPoints):
     pose_covariance: FloatMap
     """(6, 6) covariance of ξ that is not in ``by_rig``."""
 
-    def sigma_by(self, weights: FloatMap) -> float:
-        """Return σ of a quantity with these derivatives by the distances, (n,)."""
+    def shares_by(self, weights: FloatMap) -> Shares:
+        """Return the parts of σ of a quantity with these derivatives by the distances, (n,)."""
         pose = weights @ self.by_pose
-        variance = float(pose @ self.pose_covariance @ pose)
-        return float(np.hypot(sigma_of([Term(self, weights, self.outwards)]), np.sqrt(variance)))
+        aligned = Share("alignment", float(np.sqrt(pose @ self.pose_covariance @ pose)))
+        return (*shares_of([Term(self, weights, self.outwards)]), aligned)
 
 
-def area_deviation(found: Deviation, area: Area, rig: Rig | None) -> AreaDeviation:
+def _middle(cloud: PointCloud) -> FloatMap:
+    """Mean of the measured points, (3,), mm: alignments follow an error of the scale about it."""
+    return np.asarray(cloud.xyz_mm[cloud.reason == Reason.OK].mean(axis=0, dtype=np.float64))
+
+
+def area_deviation(
+    found: Deviation, area: Area, rig: Rig | None, *, scales: Shares = ()
+) -> AreaDeviation:
     """Return the points of an area with their distances.
 
     Parameters
@@ -189,6 +84,8 @@ def area_deviation(found: Deviation, area: Area, rig: Rig | None) -> AreaDeviati
     area : Area
     rig : Rig, optional
         The rig that the deviation was computed with.
+    scales : tuple of Share
+        Stated errors of the scale, relative.
 
     Raises
     ------
@@ -205,7 +102,7 @@ def area_deviation(found: Deviation, area: Area, rig: Rig | None) -> AreaDeviati
             "farther away; give a larger reach, or another area"
         )
     cloud = replace(found.part, reason=found.reason)
-    base = area_points(cloud, area, rig)
+    base = area_points(cloud, area, rig, scales=scales)
     rows, columns = np.nonzero(pixels & (found.reason == Reason.OK))
     T, pose = found.alignment.T_model_part, found.alignment
     n = np.asarray(found.normals[rows, columns], np.float64)
@@ -222,7 +119,7 @@ def area_deviation(found: Deviation, area: Area, rig: Rig | None) -> AreaDeviati
         covariance = covariance + pose.common
     return AreaDeviation(
         **{field.name: getattr(base, field.name) for field in fields(base) if field.init}
-        | {"by_rig": by_rig},
+        | {"by_rig": by_rig, "still": _middle(found.part)},
         distance=np.asarray(found.distance_mm[rows, columns], np.float64),
         outwards=n @ T[:3, :3],
         by_pose=np.column_stack((np.cross(placed, n), n)),
@@ -233,7 +130,7 @@ def area_deviation(found: Deviation, area: Area, rig: Rig | None) -> AreaDeviati
 def deviation_mean(part: AreaDeviation) -> Quantified:
     """Mean signed distance from the model."""
     n = len(part.distance)
-    return Quantified(float(part.distance.mean()), part.sigma_by(np.full(n, 1.0 / n)), "mm")
+    return Quantified(float(part.distance.mean()), part.shares_by(np.full(n, 1.0 / n)), "mm")
 
 
 def deviation_rms(part: AreaDeviation) -> Quantified:
@@ -242,23 +139,23 @@ def deviation_rms(part: AreaDeviation) -> Quantified:
     weights = part.distance / (len(part.distance) * max(value, np.finfo(np.float64).tiny))
     noise = float(np.sqrt(np.mean(noise_along(part, part.outwards) ** 2)))
     alone = Noise(noise, noise / (2.0 * len(part.distance)) ** 0.5)
-    return freed(value, part.sigma_by(weights), alone, "mm")
+    return freed(value, part.shares_by(weights), alone, "mm")
 
 
 def deviation_max(part: AreaDeviation) -> Quantified:
     """Largest distance from the model to either side, without the farthest 0.3 %."""
     inner = np.flatnonzero(part.inner)
     size = np.abs(part.distance[inner])
-    at = int(inner[np.argsort(size, kind="stable")[_kept(size.size) - 1]])
+    at = int(inner[np.argsort(size, kind="stable")[kept_of(size.size) - 1]])
     weights = np.zeros(len(part.distance))
     weights[at] = np.sign(part.distance[at])
-    noise, sigma = noise_along(part, part.outwards)[inner], part.without_noise().sigma_by(weights)
+    noise, shares = noise_along(part, part.outwards)[inner], part.without_noise().shares_by(weights)
 
     def farthest(distance: FloatMap) -> float:
-        kept = _kept(distance.size) - 1
+        kept = kept_of(distance.size) - 1
         return float(np.partition(np.abs(distance), kept)[kept])
 
-    return freed_range(part.distance[inner], noise, farthest, sigma)
+    return freed_range(part.distance[inner], noise, farthest, shares)
 
 
 def flatness(part: AreaPoints) -> Quantified:
@@ -289,7 +186,7 @@ def _range_from_plane(part: AreaPoints, base: AreaPoints) -> Quantified:
         terms = [Term(still, ends - follows, plane.normal)]
     else:
         terms = [Term(still, ends, plane.normal), Term(base, -follows, plane.normal)]
-    return freed_range(heights, sigma, _narrowest, sigma_of(terms))
+    return freed_range(heights, sigma, narrowest, shares_of(terms))
 
 
 def angle(one: AreaPoints, other: AreaPoints) -> Quantified:
@@ -310,9 +207,9 @@ def angle(one: AreaPoints, other: AreaPoints) -> Quantified:
             Term(area, sign * plane.turning(about), plane.normal)
             for area, plane, sign in ((one, planes[0], -1.0), (other, planes[1], 1.0))
         ]
-        spread.append(float(np.degrees(sigma_of(terms))))
+        spread.append(scaled(shares_of(terms), float(np.degrees(1.0))))
     # Two angles across each other, of which noise makes one: |N(0, s)| is s√(2/π) ± 0.6 s.
-    across_noise = spread[1] if value < RIGHT_ANGLE_DEG else 0.0
+    across_noise = total(spread[1]) if value < RIGHT_ANGLE_DEG else 0.0
     return freed(value, spread[0], Noise(across_noise, 0.6 * across_noise), "°")
 
 
@@ -327,20 +224,20 @@ def roundness(part: AreaPoints) -> Quantified:
     order = order[part.inner[order]]
     found = [_section(part, cylinder, index) for index in np.array_split(order, count)]
     noise = noise_along(part, cylinder.normals)[order]
-    sigma = max(found, key=lambda one: _narrowest(one[0]))[1]
+    shares = max(found, key=lambda one: narrowest(one[0]))[1]
     away = np.concatenate([section for section, _ in found])
 
     def largest(distances: FloatMap) -> float:
-        return max(_narrowest(section) for section in np.array_split(distances, count))
+        return max(narrowest(section) for section in np.array_split(distances, count))
 
-    return freed_range(away, noise, largest, sigma)
+    return freed_range(away, noise, largest, shares)
 
 
 def _section(
     part: AreaPoints, cylinder: _Cylinder, index: NDArray[np.intp]
-) -> tuple[FloatMap, float]:
-    """Radial distances of the points of one section from its own circle, and σ of their range by
-    all that is no noise."""
+) -> tuple[FloatMap, Shares]:
+    """Radial distances of the points of one section from its own circle, and the parts of σ of
+    their range without noise."""
     slopes = np.column_stack((cylinder.across[index], np.ones(len(index))))
     inverse = np.linalg.pinv(slopes)
     away = cylinder.distance[index]
@@ -350,7 +247,7 @@ def _section(
     ends[top], ends[bottom] = 1.0, -1.0
     weights = np.zeros(len(part.points))
     weights[index] = ends - (ends @ slopes) @ inverse
-    return away, sigma_of([Term(part.without_noise(), weights, cylinder.normals)])
+    return away, shares_of([Term(part.without_noise(), weights, cylinder.normals)])
 
 
 def step_height(part: AreaPoints, base: AreaPoints) -> Quantified:
@@ -359,7 +256,7 @@ def step_height(part: AreaPoints, base: AreaPoints) -> Quantified:
     n = len(part.points)
     follows = plane.at(part.middle[None])[0] @ plane.inverse
     terms = [Term(part, np.full(n, 1.0 / n), plane.normal), Term(base, -follows, plane.normal)]
-    return Quantified(float(plane.heights(part.points).mean()), sigma_of(terms), "mm")
+    return Quantified(float(plane.heights(part.points).mean()), shares_of(terms), "mm")
 
 
 def distance(one: AreaPoints, other: AreaPoints) -> Quantified:
@@ -373,14 +270,16 @@ def distance(one: AreaPoints, other: AreaPoints) -> Quantified:
         Term(area, np.full(len(area.points), sign / len(area.points)), unit)
         for area, sign in ((other, 1.0), (one, -1.0))
     ]
-    return Quantified(length, sigma_of(terms), "mm")
+    return Quantified(length, shares_of(terms), "mm")
 
 
 def sphere_diameter(part: AreaPoints) -> Quantified:
     """Diameter of the sphere of least squares."""
     found = _sphere(part)
     return Quantified(
-        2.0 * found.radius, 2.0 * sigma_of([Term(part, found.weights[3], found.normals)]), "mm"
+        2.0 * found.radius,
+        scaled(shares_of([Term(part, found.weights[3], found.normals)]), 2.0),
+        "mm",
     )
 
 
@@ -396,7 +295,7 @@ def sphere_spacing(one: AreaPoints, other: AreaPoints) -> Quantified:
         Term(area, sign * (unit @ sphere.weights[:3]), sphere.normals)
         for area, sphere, sign in ((one, spheres[0], -1.0), (other, spheres[1], 1.0))
     ]
-    return Quantified(length, sigma_of(terms), "mm")
+    return Quantified(length, shares_of(terms), "mm")
 
 
 def cylinder_diameter(part: AreaPoints) -> Quantified:
@@ -407,7 +306,7 @@ def cylinder_diameter(part: AreaPoints) -> Quantified:
     )
     weights = _inverse(slopes, found.used * part.weights)[-1]
     return Quantified(
-        2.0 * found.radius, 2.0 * sigma_of([Term(part, weights, found.normals)]), "mm"
+        2.0 * found.radius, scaled(shares_of([Term(part, weights, found.normals)]), 2.0), "mm"
     )
 
 
@@ -428,17 +327,17 @@ def volume(part: AreaPoints, base: AreaPoints) -> Quantified:
     pieces = np.where(measured, pieces, 0.0)
     follows = (pieces @ plane.at(part.points)) @ plane.inverse
     terms = [Term(part, pieces, plane.normal), Term(base, -follows, plane.normal)]
-    return Quantified(float(pieces @ plane.heights(part.points)), sigma_of(terms), "mm³")
+    return Quantified(float(pieces @ plane.heights(part.points)), shares_of(terms), "mm³")
 
 
 def valid_share(part: AreaPoints) -> Quantified:
     """Share of the area's pixels that have a value, 0…1."""
-    return Quantified(part.share, 0.0, "")
+    return Quantified(part.share, (), "")
 
 
 def median_sigma(part: AreaPoints) -> Quantified:
     """Median standard deviation of the area's pixels."""
-    return Quantified(float(np.median(part.sigma)), 0.0, "mm")
+    return Quantified(float(np.median(part.sigma)), (), "mm")
 
 
 MEASURED: Mapping[str, Callable[..., Quantified]] = MappingProxyType(

@@ -5,6 +5,14 @@ from .plan import (
     write_plan as write_plan,
     write_patterns as write_patterns,
 )
+from .certificate import (
+    read_acceptance_test as read_acceptance_test,
+)
+from .check_history import (
+    CheckHistory as CheckHistory,
+    append_check as append_check,
+    read_check_history as read_check_history,
+)
 from .flash_images import (
     write_flash_images as write_flash_images,
 )

@@ -33,6 +33,7 @@ from fringeworks.types import (
     PartTolerance,
     Recipe,
     Rig,
+    StatedUncertainty,
     ToleranceZone,
     TriangleMesh,
     Where,
@@ -84,6 +85,20 @@ class _Tolerance(Section):
             self.direction,
             self.angle_deg,
             self.located,
+        )
+
+
+class _Uncertainty(Section):
+    """``[uncertainty]``: what no frame shows; see ``StatedUncertainty``."""
+
+    board_scale: float = 0.0
+    board_freedom: float | None = None
+    expansion_per_k: float = 0.0
+    temperature_k: float = 0.0
+
+    def stated(self) -> StatedUncertainty:
+        return StatedUncertainty(
+            self.board_scale, self.board_freedom, self.expansion_per_k, self.temperature_k
         )
 
 
@@ -175,6 +190,7 @@ class RecipeFile(Section):
     areas: dict[str, _Area] = Field(default_factory=dict, max_length=MOST_AREAS)
     datums: dict[str, _Datum] = Field(default_factory=dict, max_length=MOST_AREAS)
     tolerances: list[_Tolerance] = Field(default_factory=list, max_length=MOST_AREAS)
+    uncertainty: _Uncertainty = Field(default_factory=_Uncertainty)
 
 
 def read_recipe(path: StrPath) -> Recipe:
@@ -222,6 +238,7 @@ def read_recipe(path: StrPath) -> Recipe:
                 for name, one in content.datums.items()
             },
             risk=content.risk,
+            uncertainty=content.uncertainty.stated(),
         )
     except FileProblem:
         raise
@@ -261,9 +278,7 @@ def write_recipe(path: StrPath, recipe: Recipe) -> Path:
         name: _area_table(path, number, area)
         for number, (name, area) in enumerate(recipe.areas.items(), 1)
     }
-    if recipe.datums:
-        content["datums"] = {name: _datum_table(one) for name, one in recipe.datums.items()}
-    content["tolerances"] = [_tolerance_table(one) for one in recipe.tolerances]
+    content |= _judging(recipe)
     write_text(path, HEADER + tomli_w.dumps(content))
     kept = [area["mask"] for area in content["areas"].values() if "mask" in area]
     names = [
@@ -275,6 +290,18 @@ def write_recipe(path: StrPath, recipe: Recipe) -> Path:
         names, kept = [*names, _plan_name(path)], [*kept, content["plan"]]
     drop_earlier(path, names, kept)
     return path
+
+
+def _judging(recipe: Recipe) -> dict[str, Any]:
+    """The tables of datums, tolerances and stated uncertainties."""
+    content: dict[str, Any] = {}
+    if recipe.datums:
+        content["datums"] = {name: _datum_table(one) for name, one in recipe.datums.items()}
+    content["tolerances"] = [_tolerance_table(one) for one in recipe.tolerances]
+    stated = {name: value for name, value in vars(recipe.uncertainty).items() if value}
+    if stated:
+        content["uncertainty"] = stated
+    return content
 
 
 def _plan_name(recipe: Path) -> str:

@@ -72,7 +72,7 @@ def read_study(
     place = existing_file(path, "a table (CSV)")
     content = read_content(place, "a table")
     with parsing(place, "a table (CSV)"):
-        rows, decimal = _rows(decoded(content))
+        rows, decimal = table_rows(decoded(content))
         if names is not None:
             rows = [row | _fields(row, names) for row in rows]
         values = _numbers(rows, quantity, decimal)
@@ -87,8 +87,8 @@ Row = Mapping[str, str]
 """Cells by the names of their columns."""
 
 
-def _rows(text: str) -> tuple[list[dict[str, str]], str]:
-    """The rows of a table, and its decimal sign."""
+def table_rows(text: str) -> tuple[list[dict[str, str]], str]:
+    """Return the rows of a table, and its decimal sign."""
     lines = [x for x in text.splitlines() if x.strip() and not x.startswith(COMMENTS)]
     if len(lines) < 2:
         raise FileProblem("expected a row of names and rows of values, got fewer")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from fringeworks.evaluate.capability import CONTROL_SIGMAS, control_limits
+from fringeworks.evaluate.nelson import control_series
 from fringeworks.report.drawing import Axes, Figure
 from fringeworks.report.verdicts import COVERAGE, VERDICT_COLOURS, VERDICT_MARKS
 from fringeworks.types import FloatMap
@@ -23,6 +24,8 @@ MOST_NAMES = 26
 """Names of parts below a chart, which fit beside each other when they stand upright."""
 NAME_LETTERS = 16
 """Letters of a name that are shown below a chart; its end differs from part to part."""
+SIGNAL_RISE_PT = 5
+"""Height of the numbers of rules above their value, pt."""
 ROOM = 0.12
 """Room above and below the values and limits, share of their range."""
 
@@ -37,6 +40,7 @@ def control_chart(
     unit: str = "",
     names: Sequence[str] = (),
     order: str = "part",
+    meanings: Mapping[str, str] | None = None,
 ) -> Figure:
     """Draw the values of a quantity in the order of the parts.
 
@@ -55,6 +59,8 @@ def control_chart(
         Serial numbers of the parts; numbers from 1 without them.
     order : str
         What the parts are ordered by.
+    meanings : mapping, optional
+        What the verdicts mean where values are not of parts.
     """
     figure = Figure(figsize=SIZE_INCH, layout="constrained")
     axes = figure.add_subplot()
@@ -64,13 +70,15 @@ def control_chart(
     for verdict, colour in VERDICT_COLOURS.items():
         chosen = np.array([one == verdict for one in verdicts]) & np.isfinite(values)
         if chosen.any():
-            label, mark = f"{verdict}: {int(chosen.sum())}", VERDICT_MARKS[verdict]
+            meant = verdict if meanings is None else meanings[verdict]
+            label, mark = f"{meant}: {int(chosen.sum())}", VERDICT_MARKS[verdict]
             axes.plot(place[chosen], values[chosen], mark, color=colour, ms=4, label=label)
     for limit, name in zip(limits, ("smallest", "largest"), strict=True):
         if limit is not None:
             label = f"{name} allowed {limit_text(limit)} {unit}".rstrip()
             axes.axhline(limit, color="black", linewidth=1.4, label=label)
     _process(axes, values, unit)
+    _signals(axes, values)
     _span(axes, values, limits)
     axes.set_title(title, fontsize=11)
     axes.set_ylabel(unit)
@@ -94,6 +102,25 @@ def _process(axes: Axes, values: FloatMap, unit: str) -> None:
         axes.axhline(limit, color=PROCESS, linewidth=1, linestyle="--")
     label = f"control limits\n{shown[1]} … {shown[2]} {unit}".rstrip()
     axes.plot([], [], "--", color=PROCESS, label=label)
+
+
+def _signals(axes: Axes, values: FloatMap) -> None:
+    """At values that complete a pattern of Nelson's rules, the number of the first such rule."""
+    rules: dict[int, int] = {}
+    for one in control_series(values).signals:
+        rules[one.last] = min(one.rule, rules.get(one.last, one.rule))
+    for place, rule in rules.items():
+        axes.annotate(
+            str(rule),
+            (place + 1, values[place]),
+            xytext=(0, SIGNAL_RISE_PT),
+            textcoords="offset points",
+            ha="center",
+            fontsize=7,
+            color=PROCESS,
+        )
+    if rules:
+        axes.plot([], [], " ", label="digits: Nelson's rules")
 
 
 def _span(axes: Axes, values: FloatMap, limits: tuple[float | None, float | None]) -> None:

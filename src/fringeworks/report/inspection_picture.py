@@ -10,7 +10,7 @@ import numpy as np
 from fringeworks.evaluate.inspect import Check, Inspection
 from fringeworks.report.drawing import Axes, Figure, need_plots
 from fringeworks.report.maps import UNMEASURED, Picture
-from fringeworks.report.verdicts import COVERAGE, VERDICT_COLOURS, VERDICT_MARKS, allowed
+from fringeworks.report.verdicts import VERDICT_COLOURS, VERDICT_MARKS, allowed
 from fringeworks.report.windows import window_of
 from fringeworks.surface.cloud import normals
 from fringeworks.types import BoolMap, FloatMap, HeightMap, PointCloud
@@ -154,7 +154,7 @@ def _gauge(axes: Axes, check: Check, risk: float, *, named: bool = False) -> Non
     axes.set_yticks([])
     axes.tick_params(labelsize=8)
     measured = bool(np.isfinite(check.value))
-    spread = COVERAGE * check.sigma if measured else 0.0
+    spread = check.expanded if measured else 0.0
     known = [v for v in (low, high, one.target) if v is not None]
     known += [check.value - spread, check.value + spread] if measured else []
     room = 0.15 * (max(known) - min(known)) or max(abs(known[0]), 1.0)

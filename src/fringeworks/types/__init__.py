@@ -83,6 +83,7 @@ from fringeworks.types.robot import (
     check_rigid,
 )
 from fringeworks.types.surface import HeightMap, PointCloud, need_camera_frame
+from fringeworks.types.uncertainty import StatedUncertainty
 
 __all__ = [
     "CAMERA_FRAME",
@@ -147,6 +148,7 @@ __all__ = [
     "Sectioned",
     "Severity",
     "Source",
+    "StatedUncertainty",
     "ToleranceZone",
     "TriangleMesh",
     "UnknownMethod",

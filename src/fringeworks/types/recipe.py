@@ -15,6 +15,7 @@ from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.points import TriangleMesh
 from fringeworks.types.rig import Rig
+from fringeworks.types.uncertainty import StatedUncertainty
 
 Quantity = Literal[
     "flatness",
@@ -340,6 +341,8 @@ class Recipe(Frozen):
     """The model that deviations are measured from."""
     datums: Mapping[str, Datum] = field(default_factory=dict)
     """Datums of the drawing by name."""
+    uncertainty: StatedUncertainty = field(default_factory=StatedUncertainty)
+    """Uncertainties that no frame shows: of the board's certificate, and by temperature."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -9,7 +9,8 @@ from types import MappingProxyType
 import numpy as np
 
 from fringeworks.evaluate.area_points import AreaPoints
-from fringeworks.evaluate.quantities import AreaDeviation, Quantified
+from fringeworks.evaluate.quantified import Quantified
+from fringeworks.evaluate.quantities import AreaDeviation
 from fringeworks.evaluate.tolerances.bodies import Body
 from fringeworks.evaluate.tolerances.datums import DatumFeature, System, system
 from fringeworks.evaluate.tolerances.skins import (

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fringeworks.evaluate.area_points import PATCHES, AreaPoints
 from fringeworks.evaluate.quantities import PARALLEL_SINE, AreaDeviation
+from fringeworks.evaluate.shares import Share, Shares
 from fringeworks.evaluate.tolerances.association import associate
 from fringeworks.evaluate.tolerances.bodies import Body, Kind, everything, twists
 from fringeworks.evaluate.tolerances.smooth import Smooth, smooth
@@ -64,6 +65,8 @@ class Skin:
     parts: FloatMap
     """Parts of the errors that all areas have in common, of the calibration and the blur, (m, k),
     mm."""
+    sources: Shares
+    """What each of these parts comes from, (k,)."""
     own: FloatMap
     """Parts of the errors of this area alone, (m, j), mm."""
     weight: FloatMap
@@ -221,6 +224,7 @@ def median_skin(one: AreaPoints, other: AreaPoints) -> Skin:
         sum(share * side.distance for side, share in sides)[seen],
         root[seen],
         np.asarray(parts)[seen],
+        first.sources,
         own[seen],
         first.weight[seen],
         first.line[seen],
@@ -251,7 +255,8 @@ def skin_of_model(part: AreaDeviation, lines: Lines | None = None) -> Skin:
     # What is left of the alignment's errors moves all points together.
     pixel = scipy.spatial.cKDTree(part.points).query(found.foot)[1]
     pose = part.by_pose[pixel] @ root_of(part.pose_covariance)
-    return replace(found, parts=np.column_stack((found.parts, pose)))
+    sources = (*found.sources, *pose.shape[1] * (Share("alignment", 1.0),))
+    return replace(found, parts=np.column_stack((found.parts, pose)), sources=sources)
 
 
 def _skin(
@@ -267,9 +272,7 @@ def _skin(
     low = places[inner].min(axis=0)
     span = np.maximum(np.ptp(places[inner], axis=0), np.finfo(float).tiny)
     unit = (places - low) / span
-    sigma = np.abs(np.einsum("nc,nc->n", part.by_value, normals)) * (
-        part.noise if part.noise.any() else part.sigma
-    )
+    sigma = _noise_along(part, normals)
     fitted, kept = _fitted(unit, distance, sigma, inner, stated=bool(part.noise.all()))
     feet = part.points - distance[:, None] * normals
     at = unit if points is None else (chart.places(points) - low) / span
@@ -296,11 +299,17 @@ def _skin(
     if lines is not None and chart.exact:
         foot = chart.feet(low + span * at)
         normal = chart.body.normals(foot)
-    parts, own = _parts(part, unit, normals, kept, at, pixel)
     across, unseen = None, fitted.unseen if root.ndim > 1 else 0.0
     if lines is not None:
         across = chart.first if lines.run == "across" else np.cross(chart.middle, chart.first)
-    return Skin(chart.body, foot, normal, value, root, parts, own, weight, number, unseen, across)
+    common = _parts(part, unit, normals, kept, at, pixel)
+    return Skin(chart.body, foot, normal, value, root, *common, weight, number, unseen, across)
+
+
+def _noise_along(part: AreaPoints, normals: FloatMap) -> FloatMap:
+    """Standard deviation of points along their normals by noise; all of it where none is known."""
+    sigma = part.noise if part.noise.any() else part.sigma
+    return np.asarray(np.abs(np.einsum("nc,nc->n", part.by_value, normals)) * sigma)
 
 
 def _fitted(
@@ -401,17 +410,22 @@ def _parts(
     kept: NDArray[np.intp],
     at: FloatMap,
     pixel: NDArray[np.intp],
-) -> tuple[FloatMap, FloatMap]:
-    """Common errors of points: of the calibration and the blur, and of the area's patches."""
+) -> tuple[FloatMap, Shares, FloatMap]:
+    """Common errors of points, of the blur, of the scale and of the calibration, with the source of
+    each, and those of the area's patches."""
     along = np.einsum("nc,nc->n", part.by_value, normals)
-    blur = (along * part.blur)[pixel, None]
+    size = np.einsum("nc,nc->n", part.points - part.still, normals)[pixel, None]
+    scales = [size * one.sigma for one in part.scales]
+    blur = np.column_stack(((along * part.blur)[pixel, None], *scales))
+    sources = (Share("blur", 1.0), *part.scales)
     if part.by_rig is None:
         patches = np.eye(PATCHES**2)[part.patch[pixel]]
-        return blur, (along * part.common)[pixel, None] * patches
+        return blur, sources, (along * part.common)[pixel, None] * patches
     some = kept[:: -(-len(kept) // (BINS * BINS))]
     errors = np.einsum("nc,nck->nk", normals[some], part.by_rig[part.cell[some]])
     smooth_errors = _powers(at) @ np.linalg.lstsq(_powers(unit[some]), errors, rcond=None)[0]
-    return np.column_stack((blur, smooth_errors)), np.zeros((len(pixel), 0))
+    sources = (*sources, *errors.shape[1] * (Share("calibration", 1.0),))
+    return np.column_stack((blur, smooth_errors)), sources, np.zeros((len(pixel), 0))
 
 
 def _powers(unit: FloatMap) -> FloatMap:

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fringeworks.evaluate.quantities import Quantified
+from fringeworks.evaluate.quantified import Quantified
+from fringeworks.evaluate.shares import Share, Shares, joined, total
 from fringeworks.evaluate.tolerances.skins import Skin
 from fringeworks.types import FloatMap
 
@@ -55,13 +56,16 @@ def quantified(value: Value, skins: Sequence[Skin]) -> Quantified:
                 row[k] = value([side * level**0.5 * noise for noise in noises])
     small, one, _ = np.var(drawn, axis=(0, 1), ddof=1)
     unseen = max(skin.unseen for skin in skins)
-    scatter = float(np.sqrt(max(2.0 * small / LEVELS[0] - one, one) * (1.0 + unseen)))
-    common = common_sigma(value, skins)
-    seen_sigma = float(np.hypot(scatter, common))
+    scatter = float(np.sqrt(max(2.0 * small / LEVELS[0] - one, one)))
+    parts = (
+        Share("noise", scatter, DRAWS - 1.0),
+        *common_shares(value, skins),
+        Share("form filter", scatter * float(np.sqrt(unseen)), DRAWS - 1.0),
+    )
     share, uncertain = _share(drawn.mean(axis=(0, 1))[1:] - seen)
     share = min(share, seen)
-    sigma = float(np.hypot(seen_sigma, uncertain))
-    return Quantified(seen - share, sigma, "mm", share, seen_sigma)
+    shares = joined((*parts, Share("form filter", uncertain)))
+    return Quantified(seen - share, shares, "mm", share, total(parts))
 
 
 def _share(grown: FloatMap) -> tuple[float, float]:
@@ -75,20 +79,23 @@ def _share(grown: FloatMap) -> tuple[float, float]:
     return float(grown[0]) * factor, float(grown[0]) * (most - least) / 12.0**0.5
 
 
-def common_sigma(value: Value, skins: Sequence[Skin]) -> float:
-    """Return the standard deviation of a value by errors that points have in common, mm."""
+def common_shares(value: Value, skins: Sequence[Skin]) -> Shares:
+    """Return the parts of σ of a value by errors that points have in common."""
     still = [np.zeros(len(skin.foot)) for skin in skins]
-    shared = max(skin.parts.shape[1] for skin in skins)
-    moves = [[_column(skin.parts, k) for skin in skins] for k in range(shared)]
+    sources = max((skin.sources for skin in skins), key=len)
+    moves = [
+        (source, [_column(skin.parts, k) for skin in skins]) for k, source in enumerate(sources)
+    ]
     for number, skin in enumerate(skins):
         for column in skin.own.T:
-            moves.append([*still[:number], column, *still[number + 1 :]])
-    variance = 0.0
-    for move in moves:
+            alone = [*still[:number], column, *still[number + 1 :]]
+            moves.append((Share("neighbours", 1.0), alone))
+    found = []
+    for source, move in moves:
         if any(change.any() for change in move):
             up, down = (value([sign * change for change in move]) for sign in (1.0, -1.0))
-            variance += (0.5 * (up - down)) ** 2
-    return float(np.sqrt(variance))
+            found.append(source._replace(sigma=abs(0.5 * (up - down))))
+    return joined(found)
 
 
 def _column(parts: FloatMap, k: int) -> FloatMap:

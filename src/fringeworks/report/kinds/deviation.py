@@ -26,7 +26,6 @@ from fringeworks.report.page.parts import (
 from fringeworks.report.page.surfaces import thinned_words, thinning
 from fringeworks.report.sheets import Sheet, titled
 from fringeworks.report.summary import origin, told
-from fringeworks.report.verdicts import COVERAGE
 from fringeworks.types import PointCloud, Reason, TriangleMesh
 from fringeworks.types.numbers import estimate, limit, number, percent, sigma_text
 
@@ -193,7 +192,7 @@ def _judged(
         rows.append(("surely outside (by 2 σ)", percent(values["surely_outside_share"])))
     if check is None:
         return rows
-    wide = number(COVERAGE * check.sigma, check.sigma, "mm")
+    wide = number(check.expanded, check.sigma, "mm")
     largest = f"{number(check.value, check.sigma, 'mm')}, U = {wide}"
     verdict = f"{check.verdict}: {check.why}" if check.why else check.verdict
     return [

@@ -10,6 +10,15 @@ import numpy as np
 from fringeworks.evaluate.inspect import Check, Inspection, recipe_hash
 from fringeworks.report.display import maps_of
 from fringeworks.report.kind import Kind, Rows, Word, describe
+from fringeworks.report.kinds.budget import COLUMNS as BUDGET_COLUMNS
+from fringeworks.report.kinds.budget import (
+    EXPLAINED,
+    budget_blocks,
+    monte_carlo_figures,
+    monte_carlo_text,
+)
+from fringeworks.report.kinds.budget import figures as budget_figures
+from fringeworks.report.kinds.budget import rows as budget_rows
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Table, Text
 from fringeworks.report.page.chapter import Context, judged_block
 from fringeworks.report.page.parts import (
@@ -21,7 +30,6 @@ from fringeworks.report.page.parts import (
 from fringeworks.report.page.surfaces import surface_block
 from fringeworks.report.sheets import titled
 from fringeworks.report.summary import summarise, told
-from fringeworks.report.verdicts import COVERAGE
 from fringeworks.types import HeightMap, PartTolerance
 from fringeworks.types.numbers import UNKNOWN, limit, number, percent, sigma_text
 
@@ -30,7 +38,7 @@ if TYPE_CHECKING:
 
 COLUMNS = ("tolerance", "value", "± σ", "limits", "verdict")
 """Columns of the table of checks in the terminal."""
-REPORT_COLUMNS = ("tolerance", "measured", "nominal", "min", "max", "value", "U (k = 2)", "verdict")
+REPORT_COLUMNS = ("tolerance", "measured", "nominal", "min", "max", "value", "U (95 %)", "verdict")
 """Columns of the table of checks in a report."""
 MOST_PICTURES = 60
 """Tolerances whose areas a report draws: a drawing has fewer."""
@@ -52,6 +60,10 @@ def figures(inspection: Inspection) -> dict[str, Any]:
             "largest": check.tolerance.high,
             "verdict": check.verdict,
             "why": check.why,
+            "budget": None if check.budget is None else budget_figures(check.budget),
+            "monte_carlo": None
+            if check.monte_carlo is None
+            else monte_carlo_figures(check.monte_carlo),
         }
         for check in inspection.checks
     ]
@@ -65,6 +77,8 @@ def figures(inspection: Inspection) -> dict[str, Any]:
 def words(inspection: Inspection, _: dict[str, Any]) -> Iterator[Word]:
     """The checks as a table, and the verdict."""
     yield Rows(COLUMNS, [_row(check) for check in inspection.checks], ruled=True)
+    if any(check.monte_carlo for check in inspection.checks):
+        yield from budget_words(inspection)
     yield from inspection.findings
     judged = bool(inspection.checks)
     yield inspection.verdict if judged else "nothing is judged: the recipe has no tolerances"
@@ -108,6 +122,7 @@ def chapter(result: Inspection, context: Context) -> Chapter:
             facts(rows),
             *judged_block(values, context),
             *_areas(result),
+            *_budgets(result),
             surface_block(surface, context, caption, lambda: maps_of(surface)),
             *findings_block(values["findings"]),
             reasons_table(surface.reason),
@@ -144,7 +159,7 @@ def _report_row(check: Check) -> tuple[str, ...]:
     what = f"{_said(one)}: {', '.join(one.areas)}{_under(one)}"
     nominal, low, high = (limit(v) for v in (one.target, one.low, one.high))
     value = number(check.value, check.sigma, check.unit)
-    wide = number(COVERAGE * check.sigma, check.sigma, check.unit)
+    wide = number(check.expanded, check.sigma, check.unit)
     verdict = f"{check.verdict}: {check.why}" if check.why else check.verdict
     return one.name, what, nominal, low, high, value, wide, verdict
 
@@ -161,10 +176,30 @@ def _under(one: PartTolerance) -> str:
 
 def _decision(risk: float) -> str:
     return (
-        "U is the expanded uncertainty of the value, two standard deviations. A value passes or "
+        "U is the expanded uncertainty of the value for 95 %; its parts and its factor k stand in "
+        "the uncertainty budgets. A value passes or "
         f"fails where the probability of a wrong decision is at most {percent(risk)} (guard band, "
         "ISO 14253-1); between, it is undecided."
     )
+
+
+def _budgets(result: Inspection) -> tuple[Block, ...]:
+    """The uncertainty budget of each tolerance."""
+    found: list[Block] = []
+    for check in result.checks[:MOST_PICTURES]:
+        found.extend(budget_blocks(check.tolerance.name, check.budget, check.monte_carlo))
+    return (*found, Text(EXPLAINED)) if found else ()
+
+
+def budget_words(inspection: Inspection) -> Iterator[Word]:
+    """The budgets of all tolerances, and what Monte Carlo says beside them."""
+    for check in inspection.checks:
+        if check.budget is None or not check.budget.lines:
+            continue
+        yield f"uncertainty budget: {check.tolerance.name}"
+        yield Rows(BUDGET_COLUMNS, budget_rows(check.budget))
+        if check.monte_carlo is not None:
+            yield monte_carlo_text(check.monte_carlo, check.unit)
 
 
 def _areas(result: Inspection) -> tuple[Block, ...]:

@@ -1,0 +1,127 @@
+"""The areas of a part, measured once, and the tolerances that are measured on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from threading import Lock
+from typing import TypeVar
+
+import numpy as np
+
+from fringeworks.evaluate.area_points import AreaPoints, area_points
+from fringeworks.evaluate.budget import Budget, budget_of, scales_of
+from fringeworks.evaluate.deviation import Deviation, deviation
+from fringeworks.evaluate.monte_carlo import MonteCarlo, draw_quantity, draw_zone, monte_carlo_of
+from fringeworks.evaluate.quantified import Quantified
+from fringeworks.evaluate.quantities import MEASURED, area_deviation
+from fringeworks.evaluate.tolerances.measure import prepared
+from fringeworks.evaluate.tolerances.uncertain import quantified
+from fringeworks.types import (
+    FloatMap,
+    HeightMap,
+    InputError,
+    PartTolerance,
+    PointCloud,
+    Recipe,
+    Rig,
+)
+from fringeworks.types.recipe import CHARACTERISTICS, FROM_MODEL
+
+Known = TypeVar("Known")
+
+
+class PartAreas:
+    """The areas of a recipe on a surface; each is measured when it is needed first."""
+
+    def __init__(self, surface: HeightMap | PointCloud, recipe: Recipe, rig: Rig | None) -> None:
+        self.surface = surface
+        self.recipe = recipe
+        # The errors of a rig show in points alone.
+        self.rig = rig if isinstance(surface, PointCloud) else None
+        self.scales = scales_of(recipe.uncertainty)
+        self.of_area = kept(self._points)
+        """The points of an area, by its name."""
+        self.of_model = kept(self._distances)
+        """The same, with their distances from the model."""
+        self._against = kept(self._deviation)
+
+    def _points(self, name: str) -> AreaPoints:
+        return area_points(self.surface, self.recipe.areas[name], self.rig, scales=self.scales)
+
+    def _distances(self, name: str) -> AreaPoints:
+        if not isinstance(self.surface, PointCloud):
+            raise InputError(
+                "deviation: expected a point cloud, got heights: give the recipe a rig"
+            )
+        area = self.recipe.areas[name]
+        return area_deviation(self._against(""), area, self.rig, scales=self.scales)
+
+    def _deviation(self, _: str) -> Deviation:
+        assert isinstance(self.surface, PointCloud)
+        one = self.recipe.model
+        assert one is not None
+        return deviation(
+            self.surface, one.mesh, align=one.align, rig=self.rig, reach_mm=one.reach_mm
+        )
+
+    def _of(self, one: PartTolerance) -> dict[str, AreaPoints]:
+        """The areas that a tolerance is measured on, without those of its datums."""
+        named = self.of_model if one.quantity in FROM_MODEL else self.of_area
+        return {name: named(name) for name in one.areas}
+
+    def measure(self, one: PartTolerance) -> Quantified:
+        """Measure the quantity of a tolerance.
+
+        Raises
+        ------
+        InputError where it cannot be measured.
+        """
+        if one.quantity in CHARACTERISTICS:
+            return quantified(*prepared(one, self.recipe, self.of_area, self.of_model))
+        return MEASURED[one.quantity](*self._of(one).values())
+
+    def budget(self, one: PartTolerance, found: Quantified) -> Budget:
+        """Return the uncertainty budget of a quantity that was measured."""
+        datums = [self.recipe.datums[name].areas for name in one.zone.datums]
+        areas = [*self._of(one).values(), *(self.of_area(n) for names in datums for n in names)]
+        return budget_of(found, areas, self.recipe.uncertainty)
+
+    def monte_carlo(
+        self, one: PartTolerance, found: Quantified, budget: Budget, *, draws: int, seed: int = 0
+    ) -> MonteCarlo:
+        """Return what Monte Carlo makes of a quantity that was measured."""
+        zone = one.quantity in CHARACTERISTICS
+
+        def draw(count: int, random: np.random.Generator) -> FloatMap:
+            if zone:
+                value, skins = prepared(one, self.recipe, self.of_area, self.of_model)
+                return draw_zone(value, skins, count, random)
+            areas = self._of(one)
+            return draw_quantity(one.quantity, areas, count, random, freed=found.noise > 0)
+
+        return monte_carlo_of(draw, found, budget, draws=draws, seed=seed, recentred=zone)
+
+
+def kept(compute: Callable[[str], Known]) -> Callable[[str], Known]:
+    """Return a function that computes what is known of each name once.
+
+    A problem is raised each time, and names the area.
+    """
+    known: dict[str, Known | InputError] = {}
+    every, locks = Lock(), dict[str, Lock]()
+
+    def once(name: str) -> Known:
+        with every:
+            own = locks.setdefault(name, Lock())
+        with own:
+            if name not in known:
+                try:
+                    known[name] = compute(name)
+                except InputError as problem:
+                    known[name] = problem
+            found = known[name]
+        if isinstance(found, InputError):
+            raise found.at(name) if name else found
+        return found
+
+    return once

@@ -336,9 +336,7 @@ class _Angles(TypedDict):
 
 def fit_moving(
     samples: Sequence[NDArray[np.float32]], angles: _Angles
-) -> tuple[
-    NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]
-]:
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """A, c, s and the squared residuals of a set whose phase turns."""
 
 def turn_back(

@@ -176,12 +176,12 @@ class LineEvidence:
 
     def uniform(self, frame: int) -> bool:
         """Whether a frame is as dark, or as bright, as any all over the lines."""
-        shares = self._shares(frame)
+        shares = self.shares(frame)
         return quantile(shares, 0.95) < DARK or quantile(shares, 0.05) > 1.0 - DARK
 
     def shows_pattern(self, frame: int) -> bool:
         """Whether a frame has contrast along the lines."""
-        shares = self._shares(frame)
+        shares = self.shares(frame)
         return quantile(shares, 0.95) - quantile(shares, 0.05) > CONTRAST
 
     def difference(self, frame: int, other: int) -> float:
@@ -194,7 +194,7 @@ class LineEvidence:
         noise, usual = 2.0 * (variance / np.pi) ** 0.5, float(np.mean(spread))
         return (apart - noise) / usual if noise < NOISY * usual else float("inf")
 
-    def _shares(self, frame: int) -> FloatMap:
+    def shares(self, frame: int) -> FloatMap:
         """Samples of the voters, from the darkest to the brightest of their pixel, 0…1."""
         low, high, v = self.low, self.high, self.voters
         return np.asarray(((self.lines[frame] - low) / np.maximum(high - low, 1e-12))[v])

@@ -24,6 +24,7 @@ from fringeworks.stack.sample import Sample
 from fringeworks.stack.saturation import known_limits, saturation_level
 from fringeworks.stack.set_residuals import Known
 from fringeworks.stack.shifts import step_errors
+from fringeworks.stack.step_convention import convention
 from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import Axis, CameraNoise, Finding, FramesContradictPlan, InputError
 from fringeworks.types.computed import cached_property
@@ -139,6 +140,7 @@ def examine(
         limits = known_limits(decodings, sample, unknown, noise, level)
         known = Known(noise, limits, estimate_steps)
         found = {axis: refined(decoding, sample, known) for axis, decoding in decodings.items()}
+        found = {axis: _beside_code(axis, f, sample, findings) for axis, f in found.items()}
         if estimate_response:
             _refuse_unknown_response(found)
         for axis_found in found.values():
@@ -195,6 +197,15 @@ def _by_resolved_cells(planned: Decoding, coarse: Decoding) -> Decoding:
     seen = coarse.gray
     gray = replace(planned.gray, resolved_px=seen.step_px, blurred_px=seen.blurred_px)
     return replace(planned, gray=gray)
+
+
+def _beside_code(axis: Axis, found: Refined, sample: Sample, findings: list[Finding]) -> Refined:
+    """With the distance of the fringes from where the Gray code has them in σ, if it is clear."""
+    seen = convention(found.decoding, sample.lines[axis])
+    if seen is None or not seen.clear:
+        return found
+    findings.append(words.apart(axis, seen))
+    return replace(found, pull_px=float(np.hypot(found.pull_px, seen.offset_px)))
 
 
 def _refuse_unlike(decoding: Decoding, plan: PatternPlan) -> None:
@@ -307,20 +318,30 @@ def _with_real_frames(
     the fringes and, if wanted, ``steps`` and gains."""
     real: dict[Axis, Decoding] = {}
     for axis, decoding in decodings.items():
-        sets = []
-        for phases in decoding.sets:
-            fit = sample.fits.of(phases)
-            pixels = np.flatnonzero(usable(fit, limits))
-            power = fit.power[pixels]
-            pixels = pixels[power > LIT_POWER * quantile(power, 0.95)]
-            pixels = pixels[:: max(1, -(-pixels.size // REAL_FRAME_PIXELS))]
-            pixels = np.ascontiguousarray(pixels)
-            found = fit_frames(sample.fits.planes(phases), pixels, np.array(phases.rows))
+        sets: dict[int, PhaseFrames] = {}
+        response: dict[tuple[float, ...], NDArray[np.float64]] = {}
+        order = sorted(range(len(decoding.sets)), key=lambda k: decoding.sets[k].period_px)
+        for k in order:
+            phases = decoding.sets[k]
+            planes, pixels = sample.fits.planes(phases), _judged_pixels(phases, sample, limits)
+            shifts = phases.shifts_rad
+            found = fit_frames(planes, pixels, np.array(phases.rows), response.get(shifts))
             if found.harmonics is not None:
+                response.setdefault(shifts, found.harmonics)
                 shares = tuple(tuple(float(v) for v in row) for row in found.harmonics)
                 phases = replace(phases, harmonics=shares)
             if steps and found.design is not None:
                 phases = replace(phases, design=design_rows(found.design))
-            sets.append(phases)
-        real[axis] = replace(decoding, sets=tuple(sets))
+            sets[k] = phases
+        real[axis] = replace(decoding, sets=tuple(sets[k] for k in sorted(sets)))
     return real
+
+
+def _judged_pixels(phases: PhaseFrames, sample: Sample, limits: Limits) -> NDArray[np.intp]:
+    """Pixels of a sample that say what the frames of a set show."""
+    fit = sample.fits.of(phases)
+    pixels = np.flatnonzero(usable(fit, limits))
+    power = fit.power[pixels]
+    pixels = pixels[power > LIT_POWER * quantile(power, 0.95)]
+    pixels = pixels[:: max(1, -(-pixels.size // REAL_FRAME_PIXELS))]
+    return np.ascontiguousarray(pixels)

@@ -122,7 +122,10 @@ class _Regression:
 
 
 def fit_frames(
-    planes: list[NDArray[Any]], pixels: NDArray[np.intp], planned: NDArray[np.float64]
+    planes: list[NDArray[Any]],
+    pixels: NDArray[np.intp],
+    planned: NDArray[np.float64],
+    response: NDArray[np.float64] | None = None,
 ) -> FrameFit:
     """Estimate what the frames of a set show, from many pixels.
 
@@ -133,6 +136,9 @@ def fit_frames(
         Pixels with fringes, none of them saturated.
     planned : (N, 3) array
         What the frames should show: 1, cos δ_n and sin δ_n.
+    response : (N, 6) array, optional
+        The harmonics that another set of the same steps shows: of one projector, they are the same.
+        They are used where the pixels see too little of a fringe to show their own.
 
     Returns
     -------
@@ -149,9 +155,9 @@ def fit_frames(
     if steps < 4 or pixels.size < 10 * steps:
         return FrameFit()
     values = samples_at(planes, pixels)
-    first = _regression(values, planned)
+    first = _regression(values, planned, response)
     values = values[:, first.square <= OUTLIERS * median(first.square)]
-    start = _regression(values, planned)
+    start = _regression(values, planned, response)
     noise = start.left[0] / (values.shape[1] * (steps - 3))
     if start.aligned > MAX_ALIGNED or not start.usual_power > SEPARABLE * noise > 0.0:
         return FrameFit()
@@ -170,7 +176,7 @@ def fit_frames(
     if significant(start, start.left[1], 3):
         for _ in range(PASSES):
             design = design + found.across @ found.shares[:3].T
-            found = _regression(values, design)
+            found = _regression(values, design, response)
     moved = significant(found, start.left[1], 3)
     kept = found if moved else start
     bent = significant(kept, kept.left[2], len(kept.shares) - 3)
@@ -178,7 +184,9 @@ def fit_frames(
     return FrameFit(design if moved else None, harmonics if bent else None)
 
 
-def _regression(values: FloatMap, design: NDArray[np.float64]) -> _Regression:
+def _regression(
+    values: FloatMap, design: NDArray[np.float64], response: NDArray[np.float64] | None
+) -> _Regression:
     """Regress what a design leaves of (N, n) samples on A, c, s and the harmonics."""
     _, solver = fit_matrices(design_rows(design))
     assert solver is not None
@@ -191,8 +199,11 @@ def _regression(values: FloatMap, design: NDArray[np.float64]) -> _Regression:
     size = np.sqrt(np.diag(normal))
     if np.linalg.cond(normal / np.outer(size, size)) > MAX_CONDITION:
         # Too little of a fringe to tell harmonics from A, c and s.
+        if response is not None:
+            residual = residual - across.T @ response @ parts[3:]
         parts[3:] = 0.0
-        normal[3:], normal[:, 3:], projected[3:] = 0.0, 0.0, 0.0
+        products = gram(np.concatenate((parts, residual)))
+        normal, projected = products[:terms, :terms], products[:terms, terms:]
     total = float(np.trace(products[terms:, terms:]))
 
     def left(kept: list[int]) -> float:

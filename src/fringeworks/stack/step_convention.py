@@ -26,8 +26,23 @@ contrast. Noise and blur then change none of them. An empirical choice."""
 LIT = 0.3
 """Smallest contrast of a pixel that is used, as a share of the 95th percentile. Dimmer pixels have
 less contrast than indirect light adds. An empirical choice."""
-STARTS = 24
-"""Number of starts per turn that are told apart: multiples of 15° hold all usual conventions."""
+QUARTERS = 4
+"""Starts per turn that programs use whatever the number of their steps: cosines and sines of either
+sign. They use whole steps as well."""
+SNAP_TURNS = 0.03
+"""Distance from such a start up to which it is taken, turns: borders tell it to 0.01."""
+FEWEST = 30
+"""Fewest borders for a statement beside a plan that fits otherwise."""
+ALIKE_TURNS = 0.15
+"""Largest scatter of the start from border to border, turns: that of unrelated phases is larger."""
+BORDER_PX = 0.03
+"""Error of the place of borders that they share, camera px: of straight lines between pixels that
+blur bends, and of a threshold beside the middle. Borders fall anywhere between two pixels, and
+either side may be bright, so most of it averages out. An empirical choice."""
+SMALLEST = 1e-9
+"""Smallest length of a mean direction, so that its logarithm exists."""
+CLEAR_SIGMAS = 5.0
+"""Standard deviations by which a start differs clearly from the plan's."""
 
 
 @dataclass(frozen=True)
@@ -41,18 +56,48 @@ class Convention:
     start_turns: float
     """Phase at coordinate 0 px in the direction that the phase has, turns, −0.5…0.5; 0 expected."""
 
+    scatter_turns: float
+    """Standard deviation of the start from border to border, turns."""
+    turns_per_px: float
+    """Change of the phase from one camera pixel to the next, turns."""
+    frames: int
+    """Number of steps of the set."""
+    period_px: float
+    """Period of the set, projector px."""
+
+    @property
+    def offset_px(self) -> float:
+        """Distance of the fringes from where the code has them, projector px."""
+        return self.start_turns * self.period_px
+
     @property
     def steps(self) -> tuple[float, float]:
-        """Sign and start of the steps, ± 1 and turns, the start to a whole 15°."""
-        start = float(np.rint(self.start_turns * STARTS) / STARTS)
-        return (-1.0 if self.direction < 0.0 else 1.0), start
+        """Sign and start of the steps, ± 1 and turns: a usual start where one is near."""
+        start = self._usual_start if self._near_usual else self.start_turns
+        return (-1.0 if self.direction < 0.0 else 1.0), start - float(np.rint(start))
 
-    def usual(self, decoding: Decoding) -> bool:
+    @property
+    def usual(self) -> bool:
         """Whether programs use such steps: of the other sign, or that start a quarter of a turn or
         whole steps later."""
-        sign, start = self.steps
-        off = [start * n - np.rint(start * n) for n in (4, len(decoding.sets[0].frames))]
-        return sign < 0.0 or min(np.abs(off)) < 0.01
+        return self.direction < 0.0 or self._near_usual
+
+    @property
+    def _near_usual(self) -> bool:
+        return abs(self.start_turns - self._usual_start) < SNAP_TURNS
+
+    @property
+    def _usual_start(self) -> float:
+        starts = [float(np.rint(self.start_turns * n)) / n for n in (QUARTERS, self.frames)]
+        return min(starts, key=lambda start: abs(start - self.start_turns))
+
+    @property
+    def clear(self) -> bool:
+        """Whether the borders agree that the start is another one than the plan's."""
+        if self.borders < FEWEST or self.scatter_turns > ALIKE_TURNS:
+            return False
+        error = self.scatter_turns / self.borders**0.5 + BORDER_PX * self.turns_per_px
+        return abs(self.start_turns) > CLEAR_SIGMAS * error
 
     def fitting_deg(self, shifts_rad: tuple[float, ...]) -> list[float]:
         """The steps that the frames show, degrees, 0…360."""
@@ -94,7 +139,9 @@ def convention(decoding: Decoding, lines: Lines) -> Convention | None:
     expected = TURN * coordinate / phases.period_px
     mean = np.mean(np.exp(1j * (at_border - sign * expected))) if along.size else 0.0
     start = float(np.angle(mean)) / TURN
-    return Convention(along.size, runs, start)
+    scatter = float(np.sqrt(-2.0 * np.log(np.clip(np.abs(mean), SMALLEST, 1.0)))) / TURN
+    slope = float(np.median(np.abs(along))) / TURN if along.size else 0.0
+    return Convention(along.size, runs, start, scatter, slope, len(phases.frames), phases.period_px)
 
 
 def steps_in_words(decoding: Decoding, found: Convention, labels: list[str]) -> tuple[str, str]:

@@ -13,6 +13,7 @@ from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.kernel_settings import MIN_SNR, Decoding, Limits, PhaseFrames
 from fringeworks.stack.real_frames import RealFrames
 from fringeworks.stack.shifts import step_errors
+from fringeworks.stack.step_convention import Convention
 from fringeworks.stack.unmeasured import BEYOND_PROJECTOR, LARGE_SHARE
 from fringeworks.statistics.phase_errors import PhaseErrors
 from fringeworks.types import Axis, CameraNoise, Finding
@@ -138,6 +139,26 @@ def beyond_projector(found: Decoding, plan: PatternPlan) -> list[Finding]:
             figures={"farthest_px": gray.farthest_px},
         )
     ]
+
+
+def apart(axis: Axis, found: Convention) -> Finding:
+    """Fringes that do not lie where the Gray code says."""
+    px = abs(found.offset_px)
+    return Finding(
+        "fringes beside the code",
+        f"the fringes along {axis} lie {px:.2g} px from where the borders of the Gray code have "
+        f"them (their phase at coordinate 0 is {360.0 * found.start_turns:.1f}°, expected 0°); "
+        "coordinates may be off by as much, and σ contains it",
+        causes=(
+            "columns or rows that are counted from 1, or from pixel corners, where patterns are "
+            "made",
+            "steps that start elsewhere than the plan says",
+            "a Gray code with another offset than the plan's",
+        ),
+        advice="state the shifts of the steps and the offset of the code as the patterns have them",
+        axis=axis,
+        figures={"offset_px": found.offset_px, "start_deg": 360.0 * found.start_turns},
+    )
 
 
 def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str]) -> Finding | None:

@@ -14,13 +14,6 @@ import tempfile
 import warnings
 from pathlib import Path
 
-import atheris
-
-with atheris.instrument_imports(include=["fringeworks.files"]):
-    from fringeworks import InputError
-    from tests import hostile
-    from tests.fuzz_files import place
-
 
 def main() -> None:
     """Fuzz one reader for a time, or list the readers."""
@@ -28,6 +21,13 @@ def main() -> None:
     parser.add_argument("reader", nargs="?", help="name of a reader; without one they are listed")
     parser.add_argument("--seconds", type=int, default=60)
     given = parser.parse_args()
+    # The fuzzer, which few environments have, must see the package as it loads.
+    import atheris
+
+    with atheris.instrument_imports(include=["fringeworks.files"]):
+        from fringeworks import InputError
+        from tests import hostile
+        from tests.fuzz_files import place
     warnings.simplefilter("ignore")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

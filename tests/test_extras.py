@@ -212,7 +212,8 @@ def test_every_extra_is_in_the_one_of_a_laboratory():
         "optional-dependencies"
     ]
     (everything,) = extras["all"]
-    single = sorted(extras.keys() - {"all", "all-but-opencv"})
+    # napari is a program of its own, and wants a Qt that its users choose.
+    single = sorted(extras.keys() - {"all", "all-but-opencv", "napari"})
     assert everything == f"fringeworks[{','.join(single)}]"
 
 

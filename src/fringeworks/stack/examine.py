@@ -92,6 +92,7 @@ def examine(
     count_step: float | None,
     estimate_steps: bool,
     estimate_response: bool,
+    moves: bool = False,
 ) -> Judgement:
     """Judge a stack by a sample of its pixels.
 
@@ -107,6 +108,8 @@ def examine(
         Smallest difference between two counts of the camera; found from the sample where not given.
     estimate_steps, estimate_response : bool
         As for ``decode``.
+    moves : bool
+        Whether the scene may move: the fringes then lie beside the Gray code, whatever their start.
 
     Returns
     -------
@@ -140,7 +143,8 @@ def examine(
         limits = known_limits(decodings, sample, unknown, noise, level)
         known = Known(noise, limits, estimate_steps)
         found = {axis: refined(decoding, sample, known) for axis, decoding in decodings.items()}
-        found = {axis: _beside_code(axis, f, sample, findings) for axis, f in found.items()}
+        if not moves:
+            found = {axis: _beside_code(axis, f, sample, findings) for axis, f in found.items()}
         if estimate_response:
             _refuse_unknown_response(found)
         for axis_found in found.values():

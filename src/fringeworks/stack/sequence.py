@@ -415,6 +415,7 @@ class SequenceDecoder:
             count_step=step_of(self._frames[0].dtype) if step is None else step,
             estimate_steps=True,
             estimate_response=False,
+            moves=True,
         )
 
     def _map(

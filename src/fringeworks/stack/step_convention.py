@@ -84,11 +84,11 @@ class Convention:
 
     @property
     def _near_usual(self) -> bool:
-        return abs(self.start_turns - self._usual_start) < SNAP_TURNS
+        return bool(abs(self.start_turns - self._usual_start) < SNAP_TURNS)
 
     @property
     def _usual_start(self) -> float:
-        starts = [float(np.rint(self.start_turns * n)) / n for n in (QUARTERS, self.frames)]
+        starts = [round(self.start_turns * n) / n for n in (QUARTERS, self.frames)]
         return min(starts, key=lambda start: abs(start - self.start_turns))
 
     @property
@@ -97,7 +97,7 @@ class Convention:
         if self.borders < FEWEST or self.scatter_turns > ALIKE_TURNS:
             return False
         error = self.scatter_turns / self.borders**0.5 + BORDER_PX * self.turns_per_px
-        return abs(self.start_turns) > CLEAR_SIGMAS * error
+        return bool(abs(self.start_turns) > CLEAR_SIGMAS * error)
 
     def fitting_deg(self, shifts_rad: tuple[float, ...]) -> list[float]:
         """The steps that the frames show, degrees, 0…360."""

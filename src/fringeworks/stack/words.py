@@ -154,6 +154,7 @@ def apart(axis: Axis, found: Convention) -> Finding:
             "made",
             "steps that start elsewhere than the plan says",
             "a Gray code with another offset than the plan's",
+            "a scene or a camera that moved between the code and the fringes",
         ),
         advice="state the shifts of the steps and the offset of the code as the patterns have them",
         axis=axis,

@@ -94,7 +94,7 @@ def _chart(words: output.Output, history: fw.files.CheckHistory) -> None:
     name="history",
     epilog="Example: fringeworks rig history checks.csv --report checks.html",
 )
-def show_history(
+def history(
     table: Annotated[Path, typer.Argument(help="Table of `rig check --history`.")],
     report: Annotated[
         Path | None, typer.Option(help="Write a report: a page to hand on, .html or .pdf.")

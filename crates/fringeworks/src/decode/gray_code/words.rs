@@ -12,6 +12,10 @@ const UNKNOWN_WITHIN_BORDER: f32 = 0.66;
 /// bit is surely resolved: blur may be four times the usual one at some pixels.
 const NARROW_BORDER: f32 = 0.25;
 
+/// Share of its contrast up to which a bit in doubt shows the blur of its border. Where noise leaves
+/// bits in doubt that are further from their threshold, the pixel may lie anywhere in the cells.
+const WITHIN_BLUR: f32 = 0.5;
+
 /// What the bits of a pixel say.
 struct Word {
     /// Number of the cell.
@@ -46,7 +50,8 @@ fn place(code: &GrayCode, word: &Word, phases: bool, i: usize, out: &mut GrayCel
 }
 
 /// Store the cells that the bits of pixel `i` allow, where no phases follow: the middle of their
-/// range, and half its width. `share` is the brightness of a bit over that at which it leaves doubt.
+/// range, and half its width. `share` is the brightness of a bit over that at which it leaves doubt,
+/// at the distance `blurred` from its border.
 ///
 /// Bits in doubt may have either value. The cells that remain are one range where the finest bits
 /// alone are in doubt, because the camera does not resolve them, or where the pixel lies on the
@@ -57,7 +62,7 @@ fn place(code: &GrayCode, word: &Word, phases: bool, i: usize, out: &mut GrayCel
 fn place_range(
     code: &GrayCode,
     (gray, doubt): (u32, u32),
-    share: impl Fn(u32) -> f32,
+    (share, blurred): (impl Fn(u32) -> f32, f32),
     i: usize,
     out: &mut GrayCells,
 ) {
@@ -73,13 +78,13 @@ fn place_range(
     let border = (((cell >> top >> 1) * 2 + 1) << top) as f32 * code.step;
     // A bit in doubt is on its border where finer bits are firm, or where its stripes are far wider
     // than the blur; otherwise the pixel may not resolve it.
-    let resolved = top > count || code.blurred < NARROW_BORDER * range;
-    let (within, half) = if resolved && code.blurred < range {
+    let resolved = top > count || blurred < NARROW_BORDER * range;
+    let (within, half) = if resolved && blurred < range {
         // The bit of a border rises where the number of coarser cells is even.
         let coarser = cell >> top >> 1;
         let rises = if coarser & 1 == 0 { 1.0 } else { -1.0 };
-        let half = UNKNOWN_WITHIN_BORDER * code.blurred;
-        (rises * share(top) * code.blurred, half)
+        let half = UNKNOWN_WITHIN_BORDER * blurred;
+        (rises * share(top) * blurred, half)
     } else {
         (0.0, range)
     };
@@ -140,7 +145,16 @@ fn place_ranges<'a, T: Sample>(
         } else {
             u32::MAX >> (31 - last)
         };
-        place_range(code, (gray[i], unknown), share, i, out);
+        // Noise leaves the bits of a weak pixel in doubt farther from the border than blur does.
+        let seen = code.doubt_share * out.contrast[i];
+        let blurred = if limit <= seen || seen <= 0.0 {
+            code.blurred
+        } else if limit < WITHIN_BLUR * out.contrast[i] {
+            code.blurred * limit / seen
+        } else {
+            f32::INFINITY
+        };
+        place_range(code, (gray[i], unknown), (share, blurred), i, out);
     }
 }
 
@@ -303,7 +317,7 @@ mod tests {
         let mut out = GrayCells::new();
         for gray in 0..1u32 << bits {
             for doubt in 0..1u32 << bits {
-                place_range(&code, (gray, doubt), |_| 0.0, 0, &mut out);
+                place_range(&code, (gray, doubt), (|_| 0.0, code.blurred), 0, &mut out);
                 let found = (out.coordinate[0], out.half_width[0]);
                 match allowed(bits, gray, doubt) {
                     Some(expected) => assert_eq!(found, expected, "{gray:b} {doubt:b}"),
@@ -323,7 +337,7 @@ mod tests {
             let (gray, next) = (below ^ (below >> 1), above ^ (above >> 1));
             let doubt = gray ^ next;
             for share in [-1.0f32, -0.4, 0.0, 1.0] {
-                place_range(&code, (gray, doubt), |_| share, 0, &mut out);
+                place_range(&code, (gray, doubt), (|_| share, code.blurred), 0, &mut out);
                 // Brighter towards the cell whose bit is 1.
                 let towards = if next & doubt != 0 { share } else { -share };
                 let expected = border as f32 + 0.2 * towards;

@@ -51,8 +51,8 @@ CELLS = (
     (
         "code",
         "error = found.points.xyz_mm[..., 2] - view.points_mm[..., 2]\nknown = np.isfinite(error)\n"
-        'print(f"rms error {np.sqrt(np.mean(error[known] ** 2)):.3f} mm,",\n'
-        '      f"{np.mean(np.abs(error[known]) <= sigma[known]):.0%} within 1 σ")',
+        'print(\n    f"rms error {np.sqrt(np.mean(error[known] ** 2)):.3f} mm,",\n'
+        '    f"{np.mean(np.abs(error[known]) <= sigma[known]):.0%} within 1 σ",\n)',
     ),
     (
         "code",
@@ -113,4 +113,5 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         made = make()
-    NOTEBOOK.write_text(json.dumps(made, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    text = json.dumps(made, indent=1, ensure_ascii=False, sort_keys=True)
+    NOTEBOOK.write_text(text + "\n", encoding="utf-8")

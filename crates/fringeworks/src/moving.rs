@@ -362,10 +362,8 @@ mod tests {
             shifts: &shifts,
         };
         let frame: &[f32] = &[1.0, 2.0, 3.0, 4.0, 5.0];
-        let mut maps = vec![[0.0f32; 5]; 4];
-        let [background, cosine, sine, square] = &mut maps[..] else {
-            unreachable!()
-        };
+        let mut maps = [[0.0f32; 5]; 4];
+        let [background, cosine, sine, square] = &mut maps;
         let out = Fitted {
             background,
             cosine,

@@ -68,9 +68,8 @@ def inflation(
         known = lit & np.isfinite(maps["disagreement"])
         square[known] += np.minimum(maps["disagreement"][known], MOST * (sets - 1))
         freedom[known] += sets - 1
-    limited = (noise, limits)
     sums = {"square": square, "freedom": freedom, "lit": lit}
-    in_bands(planes, sums, partial(_add_residuals, decoding, limited))
+    in_bands(planes, sums, partial(_add_residuals, decoding, (noise, limits)))
     count = NEIGHBOURHOOD**2 * scipy.ndimage.uniform_filter(freedom, NEIGHBOURHOOD)
     total = NEIGHBOURHOOD**2 * scipy.ndimage.uniform_filter(square, NEIGHBOURHOOD)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -55,7 +55,6 @@ class Convention:
     """Mean direction of the phase: 1 along the code, −1 against it."""
     start_turns: float
     """Phase at coordinate 0 px in the direction that the phase has, turns, −0.5…0.5; 0 expected."""
-
     scatter_turns: float
     """Standard deviation of the start from border to border, turns."""
     turns_per_px: float

@@ -170,13 +170,11 @@ def chapter(found: Certificate, context: Context) -> Chapter:
     """The certificate."""
     if found.verdict in ("pass", "fail", "undecided"):
         context.verdicts.append(found.verdict)
-    verdicts = [one.verdict for one in found.parameters]
-    table = Table(
+    table = Table.judged(
         COLUMNS,
         tuple(_row(one) for one in found.parameters),
         "Quality parameters",
-        bad=tuple(k for k, verdict in enumerate(verdicts) if verdict == "fail"),
-        doubtful=tuple(k for k, verdict in enumerate(verdicts) if verdict == "undecided"),
+        [one.verdict for one in found.parameters],
     )
     missing: list[Block] = [
         Table(("incomplete",), tuple((fault,) for fault in found.faults), "What is missing")

@@ -143,13 +143,11 @@ def _tolerances(result: Inspection) -> tuple[Block, ...]:
     """Every tolerance: nominal, limits, value, U and verdict."""
     if not result.checks:
         return (Text("Nothing is judged: the recipe has no tolerances."),)
-    verdicts = [check.verdict for check in result.checks]
-    table = Table(
+    table = Table.judged(
         REPORT_COLUMNS,
         tuple(_report_row(check) for check in result.checks),
         "Tolerances",
-        bad=tuple(k for k, verdict in enumerate(verdicts) if verdict == "fail"),
-        doubtful=tuple(k for k, verdict in enumerate(verdicts) if verdict == "undecided"),
+        [check.verdict for check in result.checks],
     )
     return (table, Text(_decision(result.recipe.risk)))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -33,6 +33,21 @@ class Table:
     """Page behind the first cell of every row; none by default, and where it is empty."""
     search: bool = False
     """Whether a page offers to search the rows."""
+
+    @classmethod
+    def judged(
+        cls,
+        columns: tuple[str, ...],
+        rows: tuple[tuple[str, ...], ...],
+        caption: str,
+        verdicts: Sequence[str | None],
+    ) -> Table:
+        """A table with a verdict for each row, None for none: "fail" and "undecided" are marked."""
+        bad, doubtful = (
+            tuple(k for k, verdict in enumerate(verdicts) if verdict == marked)
+            for marked in ("fail", "undecided")
+        )
+        return cls(columns, rows, caption, bad, doubtful)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import product
 from operator import is_
 from typing import Any
@@ -14,6 +15,7 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.fits import SampleFit, fit_matrices, fit_samples, times
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
+from fringeworks.stack.line_profile import line_ripple, sharp_residual
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.sample import Lines
 from fringeworks.stack.set_residuals import phase_variance
@@ -113,6 +115,17 @@ ASTRAY = 0.2
 def _finite(counts: NDArray[Any]) -> FloatMap:
     """Counts in single precision, 0 where they are not finite."""
     return np.nan_to_num(counts.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
+
+
+@lru_cache(maxsize=64)
+def _sharpest(phases: PhaseFrames) -> tuple[float, float]:
+    """What sharp lines make without any fault: ripple, rad rms, and squared residuals of the fit,
+    over the squared modulation; nothing of a cosine."""
+    if phases.line_px is None:
+        return 0.0, 0.0
+    share, steps = phases.line_px / phases.period_px, len(phases.frames)
+    residual = sharp_residual(share, steps)
+    return line_ripple(share, steps, residual), residual
 
 
 @dataclass(frozen=True)
@@ -225,10 +238,21 @@ class LineEvidence:
         if jumpy and self._sets_unrelated(maps):
             return "fringe orders contradict each other all over the image"
         if "astray" in maps:
-            apart = float(np.mean(maps["astray"][known])) > UNRELATED_ASTRAY
-            if apart and jumps > UNRELATED_JUMPS:
+            astray = float(np.mean(maps["astray"][known])) - self._astray_by_noise(maps, known)
+            if astray > UNRELATED_ASTRAY and jumps > UNRELATED_JUMPS:
                 return "phases and Gray code are apart, like unrelated ones"
         return ""
+
+    def _astray_by_noise(self, maps: dict[str, Any], known: BoolMap) -> float:
+        """Share of the coordinates that their cell refuses because noise might take them over its
+        end: of cells of a whole period, a part at both ends."""
+        gray = self.decoding.gray
+        assert gray is not None
+        place = {frame: k for k, frame in enumerate(self.decoding.frames)}
+        code = gray.kernel(place, self.decoding.longest_px, self.decoding.reach_px)
+        sigma = quantile(maps["sigma"][:, 1:-1][known], 0.5)
+        end = code["step"] + code["guard"] + code["confidence"] * sigma - self.decoding.longest_px
+        return float(np.clip(2.0 * end / code["step"], 0.0, 1.0))
 
     def _sets_unrelated(self, maps: dict[str, Any]) -> bool:
         """Whether sets disagree like those of different pixels."""
@@ -355,8 +379,10 @@ class LineEvidence:
         """Cost of the second difference along the lines, (r, l − 2); the best of the options."""
         fine: Any
         if self.decoding.sets:
-            period = min(s.period_px for s in self.decoding.sets)
-            fine, jump = FINE_SHARE * period, JUMP_SHARE * period
+            finest = min(self.decoding.sets, key=lambda s: s.period_px)
+            period = finest.period_px
+            ripple = SIGMAS * period / TURN * _sharpest(finest)[0]
+            fine, jump = FINE_SHARE * period + ripple, JUMP_SHARE * period
         else:
             assert self.decoding.gray is not None
             fine = self.decoding.gray.step_px
@@ -400,7 +426,8 @@ class LineEvidence:
         power = 2.0 * fit.variance
         floor = NOISE_RESIDUAL * self.noise.variance(fit.mean) + RELATIVE_RESIDUAL * power
         floor = np.maximum(floor, np.finfo(np.float32).tiny)
-        square = fit.square / (len(phases.frames) - 3)
+        free = len(phases.frames) - 3
+        square = np.fmax(fit.square - _sharpest(phases)[1] * power, 0.0) / free
         cost = np.log1p(square / floor) / np.maximum(np.log1p(0.5 * power / floor), 1.0)
         return np.asarray(np.fmin(cost, 1.0).reshape(self.low.shape)[:, 1:-1])
 

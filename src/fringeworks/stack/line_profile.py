@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.stack.kernel_settings import PhaseFrames
@@ -63,6 +64,20 @@ def line_ripple(share: float, steps: int, residual: float) -> float:
     phase by up to a_m / a_1. Those of m ≡ 0 are seen as background. The others leave residuals of
     N a_m² / 2 in a pixel.
     """
+    power, own, left = _harmonics(share, steps)
+    at = int(np.argmin(np.abs(left - residual)))
+    return float(np.sqrt(0.5 * power[at, own][1:].sum() / power[at, 0]))
+
+
+def sharp_residual(share: float, steps: int) -> float:
+    """Mean sum of squared residuals of the fits to sharp lines, over the squared modulation: the
+    most that lines leave without any fault. The parameters are those of ``line_ripple``."""
+    return float(_harmonics(share, steps)[2][0])
+
+
+def _harmonics(share: float, steps: int) -> tuple[FloatMap, NDArray[np.bool_], FloatMap]:
+    """Power of the harmonics of a line by blur and order, the orders that are seen as the
+    fundamental, and by blur the squared residuals over the squared modulation."""
     order = np.arange(1, PERIODS_OF_STEPS * steps)
     sharp = np.sin(np.pi * order * share) / order
     power: FloatMap = (sharp * np.exp(-0.5 * (TURN * BLURS[:, None] * order) ** 2)) ** 2
@@ -70,5 +85,4 @@ def line_ripple(share: float, steps: int, residual: float) -> float:
     own = (folded == 1) | (folded == steps - 1)
     between = ~own & (folded != 0)
     left = 0.5 * steps * power[:, between].sum(axis=1) / power[:, own].sum(axis=1)
-    at = int(np.argmin(np.abs(left - residual)))
-    return float(np.sqrt(0.5 * power[at, own][1:].sum() / power[at, 0]))
+    return power, own, left

@@ -30,10 +30,10 @@ from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import LINES_NOISE_ALONE, Ripple
 from fringeworks.stack.ripple_removal import line_ripple, without_ripples
 from fringeworks.stack.sample import Sample
-from fringeworks.stack.set_residuals import Known, set_residuals
+from fringeworks.stack.set_residuals import Known, phase_variance, set_residuals
 from fringeworks.statistics.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median
-from fringeworks.statistics.surface_scatter import by_pixel, scatters
+from fringeworks.statistics.surface_scatter import by_pixel, pixel_excess, scatters
 from fringeworks.types import Axis, CameraNoise, Finding, FloatMap
 
 MAX_OFFSET_TURNS = 0.15
@@ -71,6 +71,14 @@ the coordinates with the pull of the pixel grid over that without it. Empirical.
 SHIFTED_REACH = 1.15
 """Median distance of coordinates from the middles of their Gray-code cells, over its expectation,
 up to which borders of cells count as where they should be. Empirical."""
+
+
+WITHIN_FRINGE = 0.5
+"""Distance of the pixels whose phases are compared, at most, in fringes: errors once per fringe
+differ most over half of one, errors twice per fringe over a quarter."""
+
+TINY = 1e-12
+"""Divides instead of a slope of zero, px per px."""
 
 
 @dataclass(frozen=True)
@@ -217,6 +225,8 @@ def _with_line_scatter(
         maps = decode_sample(decoding, lines, known.noise, known.limits.open)
         finest = _without_blur(decoding, maps, known, k) or finest
         finest = _without_pull(finest, decoding, maps["coordinate"], k)
+        # Creases of the surface lie within windows as well.
+        finest = replace(finest, excess=min(finest.excess, _of_pixels(decoding, maps, known, k)))
     if finest is None or finest.excess <= LINES_NOISE_ALONE:
         return decoding, 1.0
     if bent:
@@ -224,6 +234,20 @@ def _with_line_scatter(
         # shrink with the modulation.
         return with_floor(decoding, finest.noise_rad * (finest.excess - 1.0) ** 0.5), 1.0
     return decoding, finest.excess
+
+
+def _of_pixels(decoding: Decoding, maps: dict[str, Any], known: Known, k: int) -> float:
+    """Variance of a set's phases over that of the camera's noise, by neighbouring pixels alone."""
+    period = decoding.sets[k].period_px
+    turns = maps["phases"][k] / TURN - maps["coordinate"] / period
+    coordinate = maps["coordinate"] + period * (turns - np.rint(turns))
+    seen = maps["modulations"][k], maps["background"]
+    with np.errstate(invalid="ignore"):  # pixels that are not finite
+        sigma = np.sqrt(phase_variance(decoding.sets[k], *seen, known.noise)) * (period / TURN)
+    slope = np.abs(np.diff(coordinate))
+    slope = median(slope[np.isfinite(slope)]) if np.isfinite(slope).any() else 0.0
+    reach_px = WITHIN_FRINGE * period / max(slope, TINY)
+    return pixel_excess(coordinate, sigma, decoding.most_scatter_px, reach_px)
 
 
 def _without_blur(decoding: Decoding, maps: dict[str, Any], known: Known, k: int) -> Ripple | None:

@@ -7,10 +7,12 @@ pixels do: along a smooth surface, the third difference of the coordinate is noi
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from fringeworks import _core
-from fringeworks.statistics.chi_square import chi_square_quantile
+from fringeworks.statistics.chi_square import chi_square_above, chi_square_quantile
 from fringeworks.statistics.quantiles import median
 from fringeworks.statistics.third_difference import third_difference, third_difference_variance
 from fringeworks.types import BoolMap, FloatMap
@@ -63,6 +65,23 @@ MOST = 100.0
 """Largest χ² of a difference that counts, so that single ones do not decide."""
 
 
+DISTANCES = (1, 2, 4, 8, 16)
+"""Distances of the samples of third differences that tell errors of pixels from a surface, px.
+
+Errors of compression and smoothing are those of pixels next to each other, and errors that follow
+the fringes show within half of one, which is up to 16 px in usual captures.
+"""
+
+FEWEST = 300
+"""Smallest number of differences whose median tells their variance: it scatters by a tenth."""
+
+ROUNDS = 8
+"""Rounds in which the share of outliers and the variance of the others settle, to 1 %."""
+
+MOST_CROSSING = 0.45
+"""Share of the differences that cross creases, from which on the median says nothing of noise."""
+
+
 def scatters(coordinate: FloatMap, sigma: FloatMap, most_px: float) -> bool:
     """Whether coordinates along lines scatter by more than their standard deviations.
 
@@ -105,6 +124,62 @@ def by_pixel(coordinate: FloatMap, sigma: FloatMap, most_px: float) -> bool:
     error = ((4.0 * shares[0] + shares[1]) / near.size) ** 0.5
     many = share > max(OUTLIER_SHARE, SHARE_SIGMAS * error)
     return bool(many or typical > TYPICAL * chi_square_quantile(0.5, 1))
+
+
+def pixel_excess(values: FloatMap, sigma: FloatMap, most: float, reach_px: float) -> float:
+    """Lower bound of the variance along lines, over that of noise, which the surface has no part in.
+
+    Parameters
+    ----------
+    values, sigma : (r, l) float arrays, in one unit
+        NaN where a value is unknown.
+    most : float > 0
+        Largest third difference on one surface, in that unit; larger ones are depth steps.
+    reach_px : float > 0
+        Largest distance of samples whose differences are judged, by those of twice the distance.
+
+    Returns
+    -------
+    The largest bound over distances within the reach; infinite where the lines hold too few
+    differences to tell.
+
+    Notes
+    -----
+    As for ``by_pixel``: noise makes the same differences at distances d and 2 d, while creases,
+    relief and edges of depth make more at 2 d, or outliers. With variances v over the expectation,
+    the smaller one of v(d) and 2 v(d) − v(2d) belongs to errors that are noise at the distance d:
+    errors of single pixels do at every distance, blocks of a compression and errors that follow
+    the fringes at some.
+    """
+    excess: list[float] = []
+    crossing = 0.0
+    for d in DISTANCES[: 1 + int(np.searchsorted(DISTANCES, max(reach_px, 1.0), side="right"))]:
+        found = _excess_at(values, sigma, most, d) if crossing < MOST_CROSSING else None
+        if found is None:
+            break
+        excess.append(found[0])
+        # Twice as many differences of the next distance cross a crease.
+        crossing = 2.0 * max(crossing, found[1])
+    bounds = [min(near, 2.0 * near - far) for near, far in pairwise(excess)]
+    return max(bounds, default=float("inf"))
+
+
+def _excess_at(
+    values: FloatMap, sigma: FloatMap, most: float, distance: int
+) -> tuple[float, float] | None:
+    """Variance of the third differences at a distance over that of noise, besides a share of them
+    that are outliers, and this share; None where they are too few."""
+    parts = [(values[:, k::distance], sigma[:, k::distance]) for k in range(distance)]
+    chi = np.concatenate([_chi_of_lines(part, most) for part in parts])
+    if chi.size < FEWEST:
+        return None
+    middle, beyond, outliers = median(chi), float(np.mean(chi > OUTLIER_CHI)), 0.0
+    for _ in range(ROUNDS):
+        # All outliers are above the median: of the others, more than half are below it.
+        excess = middle / chi_square_quantile(0.5 / (1.0 - min(outliers, MOST_CROSSING)), 1)
+        by_noise = chi_square_above(OUTLIER_CHI / max(excess, 1.0), 1)
+        outliers = max(0.0, (beyond - by_noise) / (1.0 - by_noise))
+    return excess, outliers
 
 
 def _chi_of_lines(lines: tuple[FloatMap, FloatMap], most_px: float) -> FloatMap:

@@ -1,5 +1,6 @@
 //! Gray code: which cell of the projector a pixel sees.
 
+mod weak;
 mod words;
 
 use super::{BLOCK_PIXELS, DecodeSettings, Frames, Line, Sample};
@@ -157,6 +158,8 @@ pub struct GrayCells {
     doubt_below: Line,
     /// Squared distance from its threshold above which no bit of the pixel is used, counts².
     alien_above: Line,
+    /// Variance of a bit's distance from its threshold, counts².
+    variance: Line,
 }
 
 impl GrayCells {
@@ -169,6 +172,7 @@ impl GrayCells {
             contrast: zero,
             doubt_below: zero,
             alien_above: zero,
+            variance: zero,
         }
     }
 }
@@ -222,6 +226,7 @@ fn limits_of_doubt(code: &GrayCode, plan: &DecodeSettings, n: usize, out: &mut G
         // The noise is far below the share where it matters, so the sum of squares will do.
         let alien = code.alien_share * contrast;
         out.alien_above[i] = alien * alien + noise;
+        out.variance[i] = per_frame * variance;
         out.half_width[i] = if contrast * contrast >= clear * variance {
             border
         } else {

@@ -1,5 +1,6 @@
 //! Words of a Gray code: the numbers of the cells that pixels see, and which bits are in doubt.
 
+use super::weak::settled;
 use super::{Against, GrayCells, GrayCode};
 use crate::decode::{Line, Sample};
 
@@ -125,20 +126,8 @@ fn place_ranges<'a, T: Sample>(
     for i in 0..n {
         let limit = out.doubt_below[i].max(f32::MIN_POSITIVE).sqrt();
         let threshold = out.threshold[i];
-        let share = |place: u32| {
-            let b = last - place as usize;
-            let bit = line(code.bits[b])[i].value();
-            let off = match &code.against {
-                Against::Inverse(inverse) => 0.5 * (bit - line(inverse[b])[i].value()),
-                Against::WhiteBlack { .. } | Against::Mean => bit - threshold,
-            };
-            let sign = if code.inverted >> place & 1 == 1 {
-                -1.0
-            } else {
-                1.0
-            };
-            (sign * off / limit).clamp(-1.0, 1.0)
-        };
+        let off = |place: u32| distance(code, &line, threshold, place, i);
+        let share = |place: u32| (off(place) / limit).clamp(-1.0, 1.0);
         let known = alien[i] == 0;
         let unknown = if known {
             doubt[i]
@@ -155,6 +144,34 @@ fn place_ranges<'a, T: Sample>(
             f32::INFINITY
         };
         place_range(code, (gray[i], unknown), (share, blurred), i, out);
+        if known
+            && out.coordinate[i].is_nan()
+            && let Some(bits) = settled(code, off, i, out)
+        {
+            place_range(code, bits, (share, blurred), i, out);
+        }
+    }
+}
+
+/// Distance of a bit of pixel `i` from its threshold, above 0 where the bit is 1, counts.
+#[inline(always)]
+fn distance<'a, T: Sample>(
+    code: &GrayCode,
+    line: &impl Fn(usize) -> &'a [T],
+    threshold: f32,
+    place: u32,
+    i: usize,
+) -> f32 {
+    let b = code.bits.len() - 1 - place as usize;
+    let bit = line(code.bits[b])[i].value();
+    let off = match &code.against {
+        Against::Inverse(inverse) => 0.5 * (bit - line(inverse[b])[i].value()),
+        Against::WhiteBlack { .. } | Against::Mean => bit - threshold,
+    };
+    if code.inverted >> place & 1 == 1 {
+        -off
+    } else {
+        off
     }
 }
 
@@ -199,13 +216,31 @@ pub fn read_bits<'a, T: Sample>(
         return place_ranges(code, line, n, (&gray, &doubt, &alien), out);
     }
     for i in 0..n {
-        let word = Word {
-            cell: binary(gray[i]),
-            other: binary(gray[i] ^ doubt[i]),
-            sure: doubt[i] == 0 && alien[i] == 0,
-            one_doubt: doubt[i].is_power_of_two() && alien[i] == 0,
-        };
-        place(code, &word, phases, i, out);
+        place(
+            code,
+            &word_of(gray[i], doubt[i], alien[i] == 0),
+            phases,
+            i,
+            out,
+        );
+        if out.coordinate[i].is_nan() && alien[i] == 0 {
+            let threshold = out.threshold[i];
+            let off = |place: u32| distance(code, &line, threshold, place, i);
+            if let Some((gray, doubt)) = settled(code, off, i, out) {
+                place(code, &word_of(gray, doubt, true), phases, i, out);
+            }
+        }
+    }
+}
+
+/// The word of some bits, which of them are in doubt, and whether the light is the projector's.
+#[inline(always)]
+fn word_of(gray: u32, doubt: u32, own_light: bool) -> Word {
+    Word {
+        cell: binary(gray),
+        other: binary(gray ^ doubt),
+        sure: doubt == 0 && own_light,
+        one_doubt: doubt.is_power_of_two() && own_light,
     }
 }
 

@@ -51,7 +51,9 @@ def photograph(columns, plan, albedo, noise, seed, mixed=None):
             seen = np.mean([block.values(columns + d, k) * np.ones(SHAPE) for d in offs], axis=0)
             if mixed is not None:
                 share, others = mixed
-                other = np.mean([block.values(others + d, k) * np.ones(SHAPE) for d in offs], axis=0)
+                other = np.mean(
+                    [block.values(others + d, k) * np.ones(SHAPE) for d in offs], axis=0
+                )
                 seen = (1.0 - share) * seen + share * other
             counts = 5.0 + 200.0 * albedo * seen + noise * rng.standard_normal(SHAPE)
             frames.append(np.clip(np.rint(counts), 0, 255).astype(np.uint8))

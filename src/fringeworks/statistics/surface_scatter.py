@@ -127,7 +127,7 @@ def by_pixel(coordinate: FloatMap, sigma: FloatMap, most_px: float) -> bool:
 
 
 def pixel_excess(values: FloatMap, sigma: FloatMap, most: float, reach_px: float) -> float:
-    """Lower bound of the variance along lines, over that of noise, which the surface has no part in.
+    """Lower bound of the variance along lines, over that of noise, without the surface's part.
 
     Parameters
     ----------

@@ -305,3 +305,28 @@ fn mean_and_contrast<T: Sample>(bright: &[T], dark: &[T], n: usize, out: &mut Gr
         out.contrast[i] = 0.5 * (bright[i].value() - dark[i].value());
     }
 }
+
+#[cfg(test)]
+mod tests_of_words {
+    use super::*;
+
+    /// A code of cells of 1 px from coordinate 0 on.
+    pub fn code(bits: usize) -> GrayCode {
+        GrayCode {
+            bits: (0..bits).collect(),
+            against: Against::Mean,
+            levels: 2,
+            inverted: 0,
+            step: 1.0,
+            offset: 0.5,
+            cells: 1 << bits,
+            doubt_share: 0.0,
+            alien_share: 2.0,
+            widest: f32::INFINITY,
+            blurred: f32::INFINITY,
+            slack: 0.0,
+            guard: 0.0,
+            confidence: 5.0,
+        }
+    }
+}

@@ -44,3 +44,25 @@ pub fn settled(
     let usual = count as f32;
     (square <= (usual + MOST_MISFIT * usual.sqrt()) * variance).then_some((gray, doubt))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::decode::gray_code::tests_of_words::code;
+
+    /// The bits of one pixel of contrast 45 with a noise of 10 counts.
+    fn found(offs: &[f32]) -> Option<(u32, u32)> {
+        let mut out = GrayCells::new();
+        (out.contrast[0], out.variance[0]) = (45.0, 100.0);
+        settled(&code(offs.len()), |place| offs[place as usize], 0, &out)
+    }
+
+    #[test]
+    fn bits_count_by_their_odds() {
+        // Odds of 100 000 to 1 at 0.5 ln(100 000) 100 / 45 = 12.8 counts.
+        assert_eq!(found(&[40.0, -50.0, 20.0, 45.0]), Some((0b1101, 0)));
+        assert_eq!(found(&[40.0, -50.0, 10.0, 45.0]), Some((0b1101, 0b100)));
+        // All bits at half of the contrast are those of other light.
+        assert_eq!(found(&[22.0, -22.0, 22.0, -22.0]), None);
+    }
+}

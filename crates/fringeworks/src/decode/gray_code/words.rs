@@ -212,22 +212,31 @@ pub fn read_bits<'a, T: Sample>(
     for word in gray.iter_mut() {
         *word ^= code.inverted;
     }
-    if !phases {
-        return place_ranges(code, line, n, (&gray, &doubt, &alien), out);
+    if phases {
+        place_words(code, line, n, (&gray, &doubt, &alien), out);
+    } else {
+        place_ranges(code, line, n, (&gray, &doubt, &alien), out);
     }
+}
+
+/// Store where `n` pixels lie whose phases tell the rest, by their bits, which of these are in doubt,
+/// and whether any light is not that of the projector alone.
+#[inline(always)]
+fn place_words<'a, T: Sample>(
+    code: &GrayCode,
+    line: impl Fn(usize) -> &'a [T],
+    n: usize,
+    (gray, doubt, alien): (&Line<u32>, &Line<u32>, &Line<u32>),
+    out: &mut GrayCells,
+) {
     for i in 0..n {
-        place(
-            code,
-            &word_of(gray[i], doubt[i], alien[i] == 0),
-            phases,
-            i,
-            out,
-        );
-        if out.coordinate[i].is_nan() && alien[i] == 0 {
+        let own = alien[i] == 0;
+        place(code, &word_of(gray[i], doubt[i], own), true, i, out);
+        if out.coordinate[i].is_nan() && own {
             let threshold = out.threshold[i];
             let off = |place: u32| distance(code, &line, threshold, place, i);
             if let Some((gray, doubt)) = settled(code, off, i, out) {
-                place(code, &word_of(gray, doubt, true), phases, i, out);
+                place(code, &word_of(gray, doubt, true), true, i, out);
             }
         }
     }
@@ -311,27 +320,8 @@ fn binary(gray: u32) -> u32 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests_of_words::code;
     use super::*;
-
-    /// A code of cells of 1 px from coordinate 0 on.
-    fn code(bits: usize) -> GrayCode {
-        GrayCode {
-            bits: (0..bits).collect(),
-            against: Against::Mean,
-            levels: 2,
-            inverted: 0,
-            step: 1.0,
-            offset: 0.5,
-            cells: 1 << bits,
-            doubt_share: 0.0,
-            alien_share: 2.0,
-            widest: f32::INFINITY,
-            blurred: f32::INFINITY,
-            slack: 0.0,
-            guard: 0.0,
-            confidence: 5.0,
-        }
-    }
 
     /// Middle and half width of the cells that agree with the firm bits; none for several ranges.
     fn allowed(bits: u32, gray: u32, doubt: u32) -> Option<(f32, f32)> {

@@ -105,6 +105,22 @@ def test_paint_hardly_shifts_coordinates(name, blur_px, dark, seed):
 
 
 @pytest.mark.statistical
+@pytest.mark.parametrize(("blur_px", "seed"), [(0.9, 4), (1.2, 5)])
+def test_paint_under_orders_that_neighbours_decide(blur_px, seed):
+    """Periods so alike that single pixels do not tell the order: their lines show blur and scatter
+    all the same."""
+    plan = plan_of(*(PhaseSteps("x", p, equal_steps(5)) for p in (32.0, 33.0)))
+    scene = Scene(seed, dark=0.3)
+    found = fw.decode(list(scene.frames(plan, blur_px, seed, noise=2.5)), plan).x
+    truth, near = scene.inner(scene.column).mean(axis=-1), scene.near(scene.albedo)
+    ok = np.isfinite(found.coordinate_px)
+    assert ok.mean() > 0.9
+    z = np.abs(found.coordinate_px - truth) / found.sigma_px
+    assert np.mean(z[ok & near] < 2.0) >= 0.88
+    assert np.mean(z[ok & near] > 5.0) <= 1e-3
+
+
+@pytest.mark.statistical
 @pytest.mark.parametrize(
     ("name", "blur_px", "most"),
     [

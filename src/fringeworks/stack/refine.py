@@ -21,7 +21,7 @@ from fringeworks.stack.edges import (
     most_blur_by_contrast,
 )
 from fringeworks.stack.gray_frames import GrayFrames
-from fringeworks.stack.kernel_settings import SEAM_SIGMAS, Decoding, PhaseFrames
+from fringeworks.stack.kernel_settings import SEAM_SIGMAS, Decoding, PhaseFrames, lit_pixels
 from fringeworks.stack.line_profile import with_line_floor
 from fringeworks.stack.neighbours import worth_voting
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
@@ -158,14 +158,38 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     decoding = replace(decoding, noise_factor=factor * errors.noise_factor)
     seen = any(ripple is not None and ripple.repeated for ripple in ripples)
     found = Refined(decoding, tuple(findings), errors.ratio, uneven, response_seen=seen)
-    return _compared(found, decode_sample(decoding, lines, known.noise, known.limits), lines)
+    maps = decode_sample(decoding, lines, known.noise, known.limits)
+    votes = worth_voting(decoding, maps)
+    # Where orders are ambiguous, neighbours along a line are compared by the finest phases alone.
+    seen = _by_finest(decoding, maps, known) if votes else (maps["coordinate"], maps["sigma"])
+    return replace(_compared(found, maps, lines, *seen), votes=votes)
 
 
-def _compared(found: Refined, maps: dict[str, Any], lines: list[NDArray[Any]]) -> Refined:
-    """What was found, with what neighbours along the lines show."""
-    decoding, findings = found.decoding, found.findings
-    coordinate, sigma, light = maps["coordinate"], maps["sigma"], Light.of(maps)
+def _by_finest(decoding: Decoding, maps: dict[str, Any], known: Known) -> tuple[FloatMap, FloatMap]:
+    """Coordinates along lines by the finest phases, from an unknown fringe on, and their σ."""
+    k = min(range(len(decoding.sets)), key=lambda k: decoding.sets[k].period_px)
+    phases = decoding.sets[k]
+    variance = phase_variance(phases, maps["modulations"][k], maps["background"], known.noise)
+    lit = lit_pixels(maps)
+    turns = np.where(lit, maps["phases"][k] / TURN, 0.0)
+    steps = np.diff(turns, axis=1, prepend=turns[:, :1])
+    unwrapped = np.cumsum(steps - np.rint(steps), axis=1, dtype=np.float64)
+    coordinate = np.where(lit, phases.period_px * unwrapped, np.nan)
+    sigma = phases.period_px / TURN * np.sqrt(np.where(lit, variance + phases.floor_rad**2, np.nan))
+    return coordinate.astype(np.float32), sigma.astype(np.float32)
+
+
+def _compared(
+    found: Refined,
+    maps: dict[str, Any],
+    lines: list[NDArray[Any]],
+    coordinate: FloatMap,
+    sigma: FloatMap,
+) -> Refined:
+    """What was found, with what neighbours along the lines show by their coordinates."""
+    decoding, findings, light = found.decoding, found.findings, Light.of(maps)
     fringes = fringes_of(decoding)
+    steps = has_steps(coordinate, **fringes)
     by_contrast = most_blur_by_contrast(coordinate, *_contrasts(decoding, maps, lines))
     most_blur_px2 = min(most_blur(light, sigma, **fringes), by_contrast)
     blur = line_shift(coordinate, sigma, light, **fringes)
@@ -190,8 +214,7 @@ def _compared(found: Refined, maps: dict[str, Any], lines: list[NDArray[Any]]) -
         scatters=found.uneven or rough or blur is not None,
         blurred=blur is not None,
         most_blur_px2=most_blur_px2,
-        steps=has_steps(maps["coordinate"], **fringes),
-        votes=worth_voting(decoding, maps),
+        steps=steps,
     )
 
 

@@ -89,6 +89,10 @@ of 100,000 exceed it by noise."""
 PIXEL_PX2 = 1.0 / 12.0
 """Variance of the light over the area of a pixel, px²."""
 
+USUAL_BLUR_PX2 = 1.0
+"""Largest variance of the blur of usual lenses that are in focus, px²: where nothing tells it, more
+would count shades as edges."""
+
 FEWEST_EDGES = 5
 """Smallest number of edges that bound the blur."""
 
@@ -307,14 +311,14 @@ def line_shift(
 
 def most_blur(light: Light, sigma: FloatMap, **fringes: Unpack[Fringes]) -> float:
     """Largest variance of the camera's blur that the sharpest edges of brightness along lines,
-    (r, l), allow, px²; 0 where there are too few edges.
+    (r, l), allow, px²; infinite where there are too few edges.
 
     A Gaussian edge of standard deviation s rises by erf(1 / (√2 s)) of its height over two pixels.
     Edges of shades are wider than blur makes them: only the narrowest tell it.
     """
     modulation, known = np.nan_to_num(np.exp(light.modulation)), np.isfinite(sigma)
     if modulation.shape[1] <= 2 * EDGE_REACH or not known.any():
-        return 0.0
+        return float("inf")
     rise = np.abs(modulation[:, 2:] - modulation[:, :-2])
     steepest = sliding_window_view(rise, 2 * EDGE_REACH - 1, axis=1).max(axis=-1)
     rise = rise[:, EDGE_REACH - 1 : 1 - EDGE_REACH]
@@ -325,7 +329,7 @@ def most_blur(light: Light, sigma: FloatMap, **fringes: Unpack[Fringes]) -> floa
     share = rise[(rise == steepest) & clear] / height[(rise == steepest) & clear]
     share = share[share <= 1.0]
     if share.size < FEWEST_EDGES:
-        return 0.0
+        return float("inf")
     sharpest = min(quantile(share, SHARPEST), SHARPEST_RISE)
     return float(NormalDist().inv_cdf(0.5 * (1.0 + sharpest)) ** -2)
 

@@ -12,6 +12,7 @@ from fringeworks.patterns.order_chain import GRAY_REACH, TURN
 from fringeworks.stack import words
 from fringeworks.stack.decoded_sample import decode_by_gray_code, decode_sample
 from fringeworks.stack.edges import (
+    USUAL_BLUR_PX2,
     Light,
     fringes_of,
     has_steps,
@@ -96,8 +97,8 @@ class Refined:
     blurred: bool = False
     """Whether blur shifts coordinates at edges of brightness."""
     most_blur_px2: float = 0.0
-    """Largest variance of the camera's blur that edges of brightness allow, px²; 0 where there are
-    none, so that blur shifts nothing."""
+    """Largest variance of the camera's blur that edges of brightness allow, px²; 0 where brightness
+    changes so little that blur shifts nothing."""
     steps: bool = False
     """Whether coordinates jump as at depth steps."""
     response_seen: bool = False
@@ -190,8 +191,7 @@ def _compared(
     decoding, findings, light = found.decoding, found.findings, Light.of(maps)
     fringes = fringes_of(decoding)
     steps = has_steps(coordinate, **fringes)
-    by_contrast = most_blur_by_contrast(coordinate, *_contrasts(decoding, maps, lines))
-    most_blur_px2 = min(most_blur(light, sigma, **fringes), by_contrast)
+    most_blur_px2 = _most_blur(decoding, maps, lines, coordinate, sigma)
     blur = line_shift(coordinate, sigma, light, **fringes)
     pull = _pull(decoding, coordinate if blur is None else coordinate - blur)
     pull_px = 0.0 if pull is None else RIPPLE_FACTOR * pull.rms_px
@@ -216,6 +216,26 @@ def _compared(
         most_blur_px2=most_blur_px2,
         steps=steps,
     )
+
+
+def _most_blur(
+    decoding: Decoding,
+    maps: dict[str, Any],
+    lines: list[NDArray[Any]],
+    coordinate: FloatMap,
+    sigma: FloatMap,
+) -> float:
+    """Largest variance of the blur, px²; 0 where brightness changes too little for it to matter."""
+    light, fringes = Light.of(maps), fringes_of(decoding)
+    by_contrast = most_blur_by_contrast(coordinate, *_contrasts(decoding, maps, lines))
+    by_edges = most_blur(light, sigma, **fringes)
+    if np.isfinite(by_edges):
+        return min(by_edges, by_contrast)
+    most_px2 = by_contrast if np.isfinite(by_contrast) else USUAL_BLUR_PX2
+    shifted = line_sigma(coordinate, sigma, light, most_px2, **fringes)
+    with np.errstate(invalid="ignore"):
+        raised = np.count_nonzero(shifted**2 > NOTABLE_RATIO * sigma**2)
+    return most_px2 if raised > EDGE_SHARE * np.count_nonzero(np.isfinite(sigma)) else 0.0
 
 
 def _contrasts(

@@ -159,11 +159,7 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     decoding = replace(decoding, noise_factor=factor * errors.noise_factor)
     seen = any(ripple is not None and ripple.repeated for ripple in ripples)
     found = Refined(decoding, tuple(findings), errors.ratio, uneven, response_seen=seen)
-    maps = decode_sample(decoding, lines, known.noise, known.limits)
-    votes = worth_voting(decoding, maps)
-    # Where orders are ambiguous, neighbours along a line are compared by the finest phases alone.
-    seen = _by_finest(decoding, maps, known) if votes else (maps["coordinate"], maps["sigma"])
-    return replace(_compared(found, maps, lines, *seen), votes=votes)
+    return _compared(found, decode_sample(decoding, lines, known.noise, known.limits), lines, known)
 
 
 def _by_finest(decoding: Decoding, maps: dict[str, Any], known: Known) -> tuple[FloatMap, FloatMap]:
@@ -181,14 +177,13 @@ def _by_finest(decoding: Decoding, maps: dict[str, Any], known: Known) -> tuple[
 
 
 def _compared(
-    found: Refined,
-    maps: dict[str, Any],
-    lines: list[NDArray[Any]],
-    coordinate: FloatMap,
-    sigma: FloatMap,
+    found: Refined, maps: dict[str, Any], lines: list[NDArray[Any]], known: Known
 ) -> Refined:
-    """What was found, with what neighbours along the lines show by their coordinates."""
+    """What was found, with what neighbours along the lines show."""
     decoding, findings, light = found.decoding, found.findings, Light.of(maps)
+    coordinate, sigma, votes = maps["coordinate"], maps["sigma"], worth_voting(decoding, maps)
+    if votes:  # neighbours are compared by the finest phases alone
+        coordinate, sigma = _by_finest(decoding, maps, known)
     fringes = fringes_of(decoding)
     steps = has_steps(coordinate, **fringes)
     most_blur_px2 = _most_blur(decoding, maps, lines, coordinate, sigma)
@@ -215,6 +210,7 @@ def _compared(
         blurred=blur is not None,
         most_blur_px2=most_blur_px2,
         steps=steps,
+        votes=votes,
     )
 
 

@@ -88,6 +88,24 @@ def test_a_step_of_a_wide_fringe_may_be_dark_all_over_the_view(gamma, count, lim
     assert np.mean(off > 10.0) < 1e-4
 
 
+@pytest.mark.parametrize("low_high", [(330.0, 640.0), (250.0, 640.0), (100.0, 500.0)])
+def test_sets_that_start_at_other_steps_show_one_response(low_high):
+    """Each set takes the same four steps, from another one on, or backwards."""
+    order = ((1, 2, 3, 0), (0, 1, 2, 3), (3, 2, 1, 0))
+    steps = np.asarray(equal_steps(4))
+    sets = tuple(
+        PhaseSteps("x", WIDTH / n, tuple(float(d) for d in steps[list(places)]))
+        for n, places in zip((36, 6, 1), order, strict=True)
+    )
+    plan = PatternPlan(WIDTH, 60, sets)
+    frames, columns = photographs(plan, 56, gamma=2.2, low=low_high[0], high=low_high[1])
+    found = fw.decode(frames, plan).x
+    ok = found.reason == 0
+    off = np.abs(found.coordinate_px - columns)[ok]
+    assert np.mean(ok) > 0.95
+    assert np.mean(off > 5.0 * found.sigma_px[ok]) < 1e-3
+
+
 @pytest.mark.parametrize("lost", [0, 1, 3])
 def test_a_step_that_is_dark_by_mistake_is_refused(lost):
     sets = tuple(PhaseSteps("x", WIDTH / n, equal_steps(4)) for n in (1, 6, 36))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack import words
 from fringeworks.stack.agreement import LineEvidence
@@ -54,6 +55,9 @@ the noise of a pixel; more only take time."""
 WIDEST_CELL_TURNS = 0.5
 """Widest Gray-code cells beside fringes that take the place of unresolved ones, in ranges of the
 phases: with half a range, a cell and its reach hold one fringe order."""
+
+STEP_DIGITS = 6
+"""Digits of a step, in turns, that must agree for the same step."""
 
 LIT_POWER = 0.25
 """Smallest squared modulation of a pixel that real frames and ripple are estimated from.
@@ -324,14 +328,16 @@ def _with_real_frames(
     for axis, decoding in decodings.items():
         sets: dict[int, PhaseFrames] = {}
         response: dict[tuple[float, ...], NDArray[np.float64]] = {}
-        order = sorted(range(len(decoding.sets)), key=lambda k: decoding.sets[k].period_px)
-        for k in order:
+        finest_first = sorted(range(len(decoding.sets)), key=lambda k: decoding.sets[k].period_px)
+        for k in finest_first:
             phases = decoding.sets[k]
             planes, pixels = sample.fits.planes(phases), _judged_pixels(phases, sample, limits)
-            shifts = phases.shifts_rad
-            found = fit_frames(planes, pixels, np.array(phases.rows), response.get(shifts))
+            places, order = _on_the_circle(phases.shifts_rad)
+            rows, finer = np.array(phases.rows), response.get(places)
+            known = None if finer is None else finer[np.argsort(order)]
+            found = fit_frames(planes, pixels, rows, known)
             if found.harmonics is not None:
-                response.setdefault(shifts, found.harmonics)
+                response.setdefault(places, found.harmonics[order])
                 shares = tuple(tuple(float(v) for v in row) for row in found.harmonics)
                 phases = replace(phases, harmonics=shares)
             if steps and found.design is not None:
@@ -339,6 +345,14 @@ def _with_real_frames(
             sets[k] = phases
         real[axis] = replace(decoding, sets=tuple(sets[k] for k in sorted(sets)))
     return real
+
+
+def _on_the_circle(shifts_rad: tuple[float, ...]) -> tuple[tuple[float, ...], NDArray[np.intp]]:
+    """Steps in rising order from 0 to a turn, and the frames in that order: sets that take the same
+    steps one after another, or from another one on, show a response alike."""
+    turns = np.round(np.asarray(shifts_rad) / TURN, STEP_DIGITS) % 1.0
+    order = np.argsort(turns, kind="stable")
+    return tuple(float(t) for t in turns[order]), order
 
 
 def _judged_pixels(phases: PhaseFrames, sample: Sample, limits: Limits) -> NDArray[np.intp]:

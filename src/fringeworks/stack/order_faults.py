@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
 
+from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, step_design
 from fringeworks.stack.agreement import SAME, LineEvidence, Order
 from fringeworks.stack.kernel_settings import decoding_of
@@ -47,9 +49,11 @@ EQUALLY_GOOD = 0.05
 REPEATED = 0.3
 """Share of the difference of two patterns that blur leaves."""
 
-UNSURE_COSINE = 0.25
-"""Error of a step that its set predicts without it, as a share of the modulation: a γ of 2.2 bends
-the phases of three steps by 0.25 rad."""
+BENT = 2.2
+"""Exponent of a projector's response (γ) up to which a set predicts a step without it."""
+
+PHASES = 361
+"""Number of phases at which that error is looked for."""
 
 MAX_NAMED = 3
 """At most this many orders of one kind are named."""
@@ -318,7 +322,19 @@ def _in_its_place(found: LineEvidence, first: int, block: PhaseSteps, step: int)
     _, c, s = np.linalg.pinv(step_design(shifts[others])) @ np.stack(lines)
     expected = (c * np.cos(shifts[step]) + s * np.sin(shifts[step])) / np.hypot(c, s)
     bright = quantile(found.shares(first + step), 0.5) > 0.5
-    return quantile(expected if bright else -expected, 0.05) > -UNSURE_COSINE
+    return quantile(expected if bright else -expected, 0.05) > -_bent(block.shifts_rad, step)
+
+
+@lru_cache(maxsize=64)
+def _bent(shifts_rad: tuple[float, ...], step: int) -> float:
+    """Largest error of a step that the others of its set predict, as a share of the modulation,
+    where the response of the projector is bent."""
+    others = [k for k in range(len(shifts_rad)) if k != step]
+    shifts, phase = np.asarray(shifts_rad), np.linspace(0.0, TURN, PHASES)[:, None]
+    light = (0.5 + 0.5 * np.cos(phase - shifts[others])) ** BENT
+    _, c, s = np.linalg.pinv(step_design(shifts[others])) @ light.T
+    expected = (c * np.cos(shifts[step]) + s * np.sin(shifts[step])) / np.hypot(c, s)
+    return float(np.abs(expected - np.cos(phase[:, 0] - shifts[step])).max())
 
 
 def _empty(evidence: Evidence, frame: int) -> bool:

@@ -25,7 +25,7 @@ ELSEWHERE = {
     "test_kills and test_read_write": ("write_", "write", "save_figure"),
     "devices, in their own tests": (
         "open_", "list_devices", "ListedDevice", "virtual_bench", "virtual_rig", "WindowProjector", "MemoryProjector",
-        "WebcamCamera", "GenicamCamera", "FolderCamera", "Camera", "CameraLimits", "Projector", "TriggeredCamera", "Clock",
+        "WebcamCamera", "GenicamCamera", "GentlCamera", "FolderCamera", "Camera", "CameraLimits", "Projector", "TriggeredCamera", "Clock",
         "VideoMode", "Grab", "LineCamera", "SequenceProjector", "SequenceSettings", "Dlpc900", "Dlpc350", "DlpStatus", "TriggerBox", "GrblTable",
         "camera_kind", "projector_kind", "scanner_kind", "measure_delay", "Delay", "take",
         "take_frames", "capture", "capture_hdr", "live", "LiveCloud", "TakenPose", "calibrate_live", "PoseTaker",

@@ -51,6 +51,9 @@ from .webcam import (
 from .genicam import (
     GenicamCamera as GenicamCamera,
 )
+from .gentl import (
+    GentlCamera as GentlCamera,
+)
 from .folder_camera import (
     FolderCamera as FolderCamera,
 )

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import ctypes as c
 import time
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.devices.aravis import HANDLE, Unanswered, aravis
+from fringeworks.devices.genicam_names import (
+    SOFTWARE,
+    Found,
+    check_limits,
+    exposure_us,
+    input_line,
+    unplugged,
+)
 from fringeworks.devices.pixel_formats import Channel, full_scale, to_grey, unpacked
 from fringeworks.devices.protocols import CameraLimits, Closing, Grab
-from fringeworks.types import CameraSettings, DeviceProblem, InputError, Region
+from fringeworks.types import CameraSettings, DeviceProblem, Region
 
 BUFFERS = 8
 """Frames that the library can hold until they are grabbed: half a second at usual rates."""
@@ -21,33 +28,9 @@ STATUS_SUCCESS = 0
 """Status of a buffer whose frame is complete (ArvBufferStatus)."""
 AUTO_OFF = 0
 """Automatic exposure and gain off (ArvAuto)."""
-EXPOSURE_STEP_MS = 1e-3
-"""Resolution in which exposures are compared, ms: GenICam's are whole or fractional µs."""
-EXPOSURE_DIGITS = 4
-"""Decimal places of exposures in µs that a camera is asked for: 0.1 ns is finer than any camera's
-step, and far coarser than the rounding of ms to µs in double precision."""
 SILENT_S = 1.0
 """Time without a frame after which a camera is asked whether it is still there, s: long enough for
 usual exposures, and short beside the 3 s that it takes to learn that nobody answers."""
-SOFTWARE = b"Software"
-"""Trigger source of GenICam for a trigger that the computer sends."""
-LINE = "Line"
-"""Beginning of the names of trigger sources that are input lines (GenICam, Standard Features Naming
-Convention, TriggerSource)."""
-
-
-@dataclass(frozen=True)
-class Found:
-    """A camera that answered to a search."""
-
-    identifier: str
-    """What opens it."""
-    vendor: str
-    model: str
-    serial: str
-
-    def __str__(self) -> str:
-        return f"{self.identifier}: {self.vendor} {self.model}, serial number {self.serial}"
 
 
 def genicam_cameras() -> list[Found]:
@@ -168,7 +151,7 @@ class GenicamCamera(Closing):
         if settings == CameraSettings():
             # Nothing changes, so frames may go on.
             return self._read_back()
-        self._check_limits(settings)
+        check_limits(self.name, self.limits(), settings)
         self._stop()
         region = settings.region
         if settings.pixel_format is not None:
@@ -178,16 +161,15 @@ class GenicamCamera(Closing):
             values = (region.x_px, region.y_px, region.width_px, region.height_px)
             self._call("set_region", None, *((c.c_int, value) for value in values))
         if settings.exposure_ms is not None:
-            # Cameras that count whole µs drop the rest: 1e3 * 4.007 is a hair below 4007.
-            exposure_us = round(1e3 * settings.exposure_ms, EXPOSURE_DIGITS)
-            self._call("set_exposure_time", None, (c.c_double, exposure_us))
+            exposure = exposure_us(settings.exposure_ms)
+            self._call("set_exposure_time", None, (c.c_double, exposure))
         if settings.gain_db is not None:
             self._call("set_gain", None, (c.c_double, settings.gain_db))
         changes = self._on_line or settings.triggered != self._triggered
         if settings.triggered is not None and changes:
             self._on_line = False
             if settings.triggered:
-                self._call("set_trigger", None, (c.c_char_p, SOFTWARE))
+                self._call("set_trigger", None, (c.c_char_p, SOFTWARE.encode()))
             else:
                 self._call("clear_triggers", None)
             self._triggered = settings.triggered
@@ -235,15 +217,8 @@ class GenicamCamera(Closing):
     def wait_for_line(self) -> None:
         """Expose a frame for every pulse on the first input line; see ``LineCamera``."""
         sources = self._aravis.words("arv_camera_dup_available_trigger_sources", self._camera)
-        lines = sorted(source for source in sources if source.startswith(LINE))
-        if not lines:
-            raise DeviceProblem(
-                f"{self.name}: expected an input line as a trigger source, got "
-                f"{', '.join(sources) or 'none'}"
-            )
+        line = input_line(self.name, sources)
         self._stop()
-        # Line0 is an output of some makers, Line1 an input of most.
-        line = "Line1" if "Line1" in lines else lines[0]
         self._call("set_trigger", None, (c.c_char_p, line.encode()))
         self._triggered, self._on_line = False, True
         self._start()
@@ -267,10 +242,7 @@ class GenicamCamera(Closing):
             return self._aravis.checked(f"arv_camera_{name}", result, camera, *arguments)
         except Unanswered as error:
             self._gone = True
-            raise DeviceProblem(
-                f"{self._name}: expected a camera that answers, got none ({_reason(error)}): it "
-                "was unplugged or switched off, or the network is down; connect it and resume"
-            ) from error
+            raise unplugged(self._name, _reason(error)) from error
         except DeviceProblem as error:
             raise DeviceProblem(f"{self._name}: {_reason(error)}") from error
 
@@ -295,25 +267,6 @@ class GenicamCamera(Closing):
         pointer = c.POINTER(c.c_double)
         self._call(f"get_{what}_bounds", None, (pointer, c.byref(low)), (pointer, c.byref(high)))
         return low.value, high.value
-
-    def _check_limits(self, settings: CameraSettings) -> None:
-        limits = self.limits()
-        for what in ("exposure_ms", "gain_db"):
-            value, bounds = getattr(settings, what), getattr(limits, what)
-            if value is None:
-                continue
-            if bounds is None:
-                raise InputError(f"{self.name}: {what}: this camera has no such setting")
-            if not bounds[0] - EXPOSURE_STEP_MS <= value <= bounds[1] + EXPOSURE_STEP_MS:
-                raise InputError(
-                    f"{self.name}: {what}: expected {bounds[0]:g} to {bounds[1]:g}, got {value:g}"
-                )
-        name = settings.pixel_format
-        if name is not None and name not in limits.pixel_formats:
-            raise InputError(
-                f"{self.name}: expected a pixel format of {', '.join(limits.pixel_formats)}; "
-                f"got {name}"
-            )
 
     def _read_back(self) -> CameraSettings:
         values = [c.c_int() for _ in range(4)]

@@ -163,6 +163,14 @@ def open_gphoto2(port: str) -> Camera:
     return PhotoCamera(port)
 
 
+@registering(CAMERA_KINDS, "camera", "phone", None)
+def open_phone(folder: str) -> Camera:
+    """``phone:FOLDER``: a phone that shows the page ``/phone`` of the studio in a folder."""
+    from fringeworks.devices.phone_camera import PhoneCamera
+
+    return PhoneCamera(_needed("phone", "FOLDER", folder))
+
+
 @registering(CAMERA_KINDS, "camera", "http", None)
 def open_http(address: str) -> Camera:
     """``http://HOST/PATH``: a camera on the network that sends JPEG images."""

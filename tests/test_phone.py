@@ -177,7 +177,17 @@ class Proxy:
 
     def __init__(self, folder, port):
         key, certificate = folder / "key.pem", folder / "certificate.pem"
-        words = ["req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj", "/CN=127.0.0.1"]
+        words = [
+            "req",
+            "-x509",
+            "-newkey",
+            "rsa:2048",
+            "-nodes",
+            "-days",
+            "1",
+            "-subj",
+            "/CN=127.0.0.1",
+        ]
         made = ["openssl", *words, "-keyout", str(key), "-out", str(certificate)]
         subprocess.run(made, check=True, capture_output=True)
         self._context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)

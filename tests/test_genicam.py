@@ -232,6 +232,14 @@ def test_a_killed_camera_leaves_what_was_taken(over, tmp_path):
             np.testing.assert_array_equal(frame, other)
 
 
+def test_a_camera_without_ptp_says_so(tmp_path):
+    OverAravis.check()
+    with OverAravis.peer(tmp_path, "FW6") as made, GenicamCamera(made.identifier) as camera:
+        with pytest.raises(DeviceProblem, match=r"Fake FW6: expected a camera with PTP"):
+            camera.synchronise()
+        assert camera.grab().clock == "camera"
+
+
 def test_an_unknown_camera_names_those_there(over, tmp_path):
     with over.peer(tmp_path, "FW6") as made:
         listed = f"{made.identifier}: {made.maker}"

@@ -9,12 +9,20 @@ import time
 import numpy as np
 import pytest
 
+from fringeworks import PatternPlan, encode
 from fringeworks.devices.gentl import GentlCamera
 from fringeworks.devices.opening import list_devices, open_camera
-from fringeworks.types import CameraSettings, DeviceProblem, MissingPackage, Region
+from fringeworks.devices.protocols import PtpCamera
+from fringeworks.files import read_stack
+from fringeworks.patterns import PhaseSteps, equal_steps
+from fringeworks.scan.together import CameraGroup, capture_together
+from fringeworks.types import CameraSettings, DeviceProblem, InputError, MissingPackage, Region
 from tests.fake_gentl import SIZE, GentlPeer, compiler
 
 pytestmark = pytest.mark.system
+
+WITHIN_S = 0.1
+"""Time within which both frames are exposed here, s: threads of a busy machine need some."""
 
 
 def test_without_genicam(monkeypatch):
@@ -113,3 +121,52 @@ def test_it_opens_by_serial_number_and_ends_cleanly():
         [sys.executable, "-c", script], capture_output=True, text=True, check=False
     )
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, f"({SIZE}, {SIZE})\n", "")
+
+
+def test_two_cameras_by_the_clock_of_the_network(peer, tmp_path):
+    """Both frames of a picture are within a stated time of each other, or it is said."""
+    peer.both(ptp_offset_ns=400)
+    with GentlCamera("FWCAM0") as one, GentlCamera("FWCAM1") as two:
+        assert isinstance(one, PtpCamera)
+        for camera in (one, two):
+            camera.configure(CameraSettings(exposure_ms=5.0, triggered=True))
+        group = CameraGroup([one, two], within_s=WITHIN_S)
+        group.trigger()
+        with pytest.raises(InputError, match="within_s: expected cameras whose clocks follow"):
+            group.grab()
+        assert one.synchronise() == 0.0
+        assert two.synchronise() == pytest.approx(4e-7)
+        group.trigger()
+        assert group.grab().clock == "ptp"
+        plan = PatternPlan(SIZE, SIZE, (PhaseSteps("x", 16.0, equal_steps(4)),))
+        folders = [tmp_path / "one", tmp_path / "two"]
+        peer.lose(0, 1)
+        capture_together(
+            peer.projector,
+            [one, two],
+            plan,
+            folders,
+            settings=CameraSettings(triggered=False),
+        )
+        taken = [read_stack(folder) for folder in folders]
+        assert [stack.camera for stack in taken] == [one.name, two.name]
+        for stack in taken:
+            for frame, picture in zip(stack.frames, encode(plan), strict=True):
+                np.testing.assert_array_equal(frame, peer.expected(picture, 5.0))
+        # A camera that misses a trigger is one frame late for ever: the clocks tell.
+        group.configure(CameraSettings(triggered=True))
+        one.trigger()
+        time.sleep(2 * WITHIN_S)
+        two.trigger()
+        with pytest.raises(DeviceProblem, match="FWCAM1: expected frames within 100 ms of each"):
+            group.grab()
+
+
+@pytest.mark.usefixtures("peer")
+def test_a_camera_opened_again_has_its_own_clock():
+    with GentlCamera() as camera:
+        camera.synchronise()
+        assert camera.grab().device_s > 1.5e9
+        assert camera.grab().clock == "ptp"
+    with GentlCamera() as camera:
+        assert camera.grab().clock == "camera"

@@ -5,6 +5,7 @@ from .protocols import (
     Projector as Projector,
     TriggeredCamera as TriggeredCamera,
     LineCamera as LineCamera,
+    PtpCamera as PtpCamera,
 )
 from ..types import (
     CameraSettings as CameraSettings,

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import ctypes as c
 import time
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.devices.aravis import HANDLE, Unanswered, aravis
 from fringeworks.devices.genicam_names import (
+    PTP_ENABLE,
+    PTP_LATCH,
+    PTP_OFFSET,
+    PTP_STATUS,
     SOFTWARE,
     Found,
     check_limits,
     exposure_us,
     input_line,
+    no_ptp,
+    settled,
     unplugged,
 )
 from fringeworks.devices.pixel_formats import Channel, full_scale, to_grey, unpacked
@@ -85,6 +91,7 @@ class GenicamCamera(Closing):
         self._name = f"camera {identifier}" if identifier else "camera"
         self._gone = False
         self._channel = channel
+        self._clock: Literal["camera", "ptp"] = "camera"
         self._triggered = False
         self._on_line = False
         self._ahead: Grab | None = None
@@ -105,6 +112,8 @@ class GenicamCamera(Closing):
                 self._call(f"set_{what}_auto", None, (c.c_int, AUTO_OFF))
         # Cameras keep their settings from program to program.
         self._call("clear_triggers", None)
+        if (ptp := self._feature(PTP_ENABLE)) is not None:
+            self._call("set_boolean", None, (c.c_char_p, ptp), (c.c_int, 0))
 
     def _opened(self, identifier: bytes | None) -> Any:
         # Without a search, the library may ask for the frames at another network interface.
@@ -222,6 +231,35 @@ class GenicamCamera(Closing):
         self._call("set_trigger", None, (c.c_char_p, line.encode()))
         self._triggered, self._on_line = False, True
         self._start()
+
+    def synchronise(self, timeout_s: float = 15.0) -> float | None:
+        """Let the camera's clock follow the network's; see ``PtpCamera.synchronise``."""
+        enable, status = self._feature(PTP_ENABLE), self._feature(PTP_STATUS)
+        if enable is None or status is None:
+            raise no_ptp(self.name)
+        self._stop()
+        self._call("set_boolean", None, (c.c_char_p, enable), (c.c_int, 1))
+
+        def told() -> str:
+            word = self._call("get_string", c.c_char_p, (c.c_char_p, status))
+            return str((word or b"").decode(errors="replace"))
+
+        settled(self.name, told, timeout_s)
+        self._clock = "ptp"
+        if (latch := self._feature((PTP_LATCH,))) is not None:
+            self._call("execute_command", None, (c.c_char_p, latch))
+        offset = self._feature((PTP_OFFSET,))
+        if offset is None:
+            return None
+        return 1e-9 * int(self._call("get_integer", c.c_int64, (c.c_char_p, offset)))
+
+    def _feature(self, names: tuple[str, ...]) -> bytes | None:
+        """The first of several features that the camera has."""
+        for name in names:
+            word = name.encode()
+            if self._call("is_feature_available", c.c_int, (c.c_char_p, word)):
+                return word
+        return None
 
     def close(self) -> None:
         """Release the camera; again without effect."""
@@ -347,6 +385,7 @@ class GenicamCamera(Closing):
             1e-9 * ask("timestamp", c.c_uint64),
             int(ask("frame_id", c.c_uint64)),
             complete,
+            self._clock,
         )
 
     def _pixels(self, buffer: Any, complete: bool) -> NDArray[Any]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from fringeworks.devices.protocols import CameraLimits
@@ -18,6 +19,18 @@ SOFTWARE = "Software"
 LINE = "Line"
 """Beginning of the names of trigger sources that are input lines (GenICam, Standard Features Naming
 Convention, TriggerSource)."""
+
+PTP_ENABLE = "PtpEnable", "GevIEEE1588"
+PTP_STATUS = "PtpStatus", "GevIEEE1588Status"
+"""Names of the features of PTP (Standard Features Naming Convention, and its version before
+2.4)."""
+PTP_OFFSET, PTP_LATCH = "PtpOffsetFromMaster", "PtpDataSetLatch"
+"""Difference to the master's clock, ns, and the command that refreshes it."""
+SETTLED = "Master", "Slave"
+"""Statuses of a clock that is, or follows, the network's (IEEE 1588, port states)."""
+PTP_PAUSE_S = 0.1
+"""Pause between two questions for the status, s: masters announce themselves every one or two
+seconds."""
 
 
 @dataclass(frozen=True)
@@ -93,4 +106,29 @@ def unplugged(name: str, reason: object) -> DeviceProblem:
     return DeviceProblem(
         f"{name}: expected a camera that answers, got none ({reason}): it was unplugged or "
         "switched off, or the network is down; connect it and resume"
+    )
+
+
+def settled(name: str, status: Callable[[], str], timeout_s: float) -> None:
+    """Wait until a camera's clock is, or follows, that of the network.
+
+    Raises
+    ------
+    DeviceProblem with the last status where that takes too long.
+    """
+    end_s = time.monotonic() + timeout_s
+    while (last := status()) not in SETTLED:
+        if time.monotonic() >= end_s:
+            raise DeviceProblem(
+                f"{name}: expected a clock that follows the network's (PTP) within {timeout_s:g} "
+                f"s, got the status {last}; check that all cameras are in the same network, and "
+                "that its switches hand PTP on"
+            )
+        time.sleep(PTP_PAUSE_S)
+
+
+def no_ptp(name: str) -> DeviceProblem:
+    """Return what is said about a camera without PTP."""
+    return DeviceProblem(
+        f"{name}: expected a camera with PTP (IEEE 1588), got one without {PTP_ENABLE[0]}"
     )

@@ -5,16 +5,22 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.devices.genicam_names import (
+    PTP_ENABLE,
+    PTP_LATCH,
+    PTP_OFFSET,
+    PTP_STATUS,
     SOFTWARE,
     check_limits,
     exposure_us,
     input_line,
+    no_ptp,
+    settled,
     unplugged,
 )
 from fringeworks.devices.gentl_nodes import Nodes
@@ -65,6 +71,7 @@ class GentlCamera(Closing):
         self._device: Any = None
         self._stream: GentlStream | None = None
         self._channel = channel
+        self._clock: Literal["camera", "ptp"] = "camera"
         self._triggered = self._on_line = False
         info = named(identifier)
         found = found_of(info)
@@ -186,6 +193,26 @@ class GentlCamera(Closing):
         self._triggered, self._on_line = False, True
         self._started()
 
+    def synchronise(self, timeout_s: float = 15.0) -> float | None:
+        """Let the camera's clock follow the network's; see ``PtpCamera.synchronise``."""
+        self._stop()
+        if not self._asked(lambda: self._nodes.has(*PTP_ENABLE)):
+            raise no_ptp(self.name)
+        self._asked(lambda: self._nodes.write(True, *PTP_ENABLE))
+
+        def status() -> str:
+            return str(self._asked(lambda: self._nodes.get(*PTP_STATUS, fresh=True)))
+
+        settled(self.name, status, timeout_s)
+        self._clock = "ptp"
+        return self._asked(self._offset_s)
+
+    def _offset_s(self) -> float | None:
+        if self._nodes.has(PTP_LATCH):
+            self._nodes.do(PTP_LATCH)
+        offset_ns = self._nodes.get(PTP_OFFSET, fresh=True)
+        return None if offset_ns is None else 1e-9 * int(offset_ns)
+
     def close(self) -> None:
         """Release the camera; again without effect."""
         if self._device is None:
@@ -210,6 +237,7 @@ class GentlCamera(Closing):
 
     def _forget(self) -> None:
         """Undo what an earlier program set: cameras keep their settings."""
+        self._nodes.write(False, *PTP_ENABLE, needed=False)
         for name in AUTOMATIC:
             self._nodes.choose(name, "Off", needed=False)
         self._clear_triggers()
@@ -275,6 +303,7 @@ class GentlCamera(Closing):
             self._stamp_s(buffer),
             int(buffer.frame_id),
             complete,
+            self._clock,
         )
 
     def _stamp_s(self, buffer: Any) -> float | None:

@@ -44,6 +44,10 @@ class Nodes:
         # The library accepts this call only where it asks for something beyond the plain value.
         return node.get_value(ignore_cache=True) if fresh else node.value
 
+    def has(self, *names: str) -> bool:
+        """Whether the camera has one of several settings or commands, which may be changed."""
+        return self._first(names, self._writable) is not None
+
     def write(self, value: Any, *names: str, needed: bool = True) -> None:
         """Change the first of several settings that the camera has.
 

@@ -31,8 +31,9 @@ MOST_BYTES = 2**26
 """Largest picture, bytes: JPEG of 100 megapixels has 50 million."""
 MOST_LETTERS = 120
 """Letters of a phone's name, and of a problem, that are kept."""
-REPLACED = 4000
-"""Code of a web socket that another phone has taken the place of (RFC 6455: free for own use)."""
+ENDED = 4000
+"""Code of a web socket that is closed for good, with the reason in words (RFC 6455: free for own
+use). The page does not call again."""
 GONE = (
     "expected a phone that answers, got none: its screen is locked, its page was closed, or the "
     f"network is down; unlock it, {OPEN_PAGE} and resume"
@@ -80,8 +81,13 @@ class PhoneHub:
         self._hello = {}
         if before is not None:
             with suppress(RuntimeError):
-                await before.close(REPLACED, "Another phone is the camera now.")
-        self._listen()
+                await before.close(ENDED, "Another phone is the camera now.")
+        try:
+            self._listen()
+        except OSError:
+            self._socket = None
+            await socket.close(ENDED, "The studio cannot write to its folder.")
+            return
         try:
             while self._socket is socket:
                 message = await socket.receive()

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
 import time
+import zipfile
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from fringeworks import PatternPlan, encode
 from fringeworks.devices.gentl import GentlCamera
+from fringeworks.devices.gentl_nodes import _description
 from fringeworks.devices.opening import list_devices, open_camera
 from fringeworks.devices.protocols import PtpCamera
 from fringeworks.files import read_stack
@@ -32,6 +36,29 @@ def test_without_genicam(monkeypatch):
         open_camera("gentl")
     lines = {line.words: line.description for line in list_devices()[1]}
     assert "expected the package genicam" in lines["gentl"]
+
+
+def test_descriptions_come_from_the_camera_or_a_file(tmp_path):
+    xml = "<RegisterDescription/>"
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        archive.writestr("camera.xml", xml)
+    (tmp_path / "a camera.zip").write_bytes(packed.getvalue())
+
+    def port(*urls, memory=b""):
+        return SimpleNamespace(
+            url_info_list=[SimpleNamespace(url=url) for url in urls],
+            read=lambda address, size: (size, memory[address - 256 : address - 256 + size]),
+        )
+
+    plain = xml.encode() + b"\0\0"
+    web = "http://maker.example/camera.xml"
+    assert _description(port(web, f"Local:c.xml;100;{len(plain):x}", memory=plain)) == xml
+    size = f"{len(packed.getvalue()):X}?SchemaVersion=1.1.0"
+    assert _description(port(f"Local:///c.zip;100;{size}", memory=packed.getvalue())) == xml
+    assert _description(port((tmp_path / "a camera.zip").as_uri().replace("file", "File"))) == xml
+    with pytest.raises(DeviceProblem, match="brings its description, got http://maker"):
+        _description(port(web))
 
 
 @pytest.fixture

@@ -6,7 +6,8 @@ import io
 import zipfile
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote, urlsplit
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 from fringeworks.devices.gentl_system import gentl
 from fringeworks.types import DeviceProblem
@@ -130,7 +131,7 @@ def _description(port: Any) -> str:
             _, address, size = rest.partition("?")[0].split(";")
             return _text(bytes(port.read(int(address, 16), int(size, 16))[1]))
         if scheme.lower() == "file":
-            return _text(Path(unquote(urlsplit(url).path)).read_bytes())
+            return _text(Path(url2pathname(urlsplit(url).path)).read_bytes())
     raise DeviceProblem(
         f"expected a camera that brings its description, got {', '.join(urls) or 'none'}"
     )

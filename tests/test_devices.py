@@ -93,12 +93,20 @@ def test_numbers_and_names_reach_the_devices(monkeypatch):
     for place, name in (
         ("fringeworks.devices.webcam", "WebcamCamera"),
         ("fringeworks.devices.genicam", "GenicamCamera"),
+        ("fringeworks.devices.gentl", "GentlCamera"),
         ("fringeworks.devices.window", "WindowProjector"),
     ):
         monkeypatch.setattr(
             f"{place}.{name}", lambda *args, name=name: opened.append((name, *args))
         )
-    for words in ("webcam", "webcam:2", "webcam:/dev/video0", "genicam", "genicam:Acme:1"):
+    for words in (
+        "webcam",
+        "webcam:2",
+        "webcam:/dev/video0",
+        "genicam",
+        "genicam:Acme:1",
+        "gentl:7",
+    ):
         open_camera(words)
     for words in ("screen", "screen:1", "screen:HDMI-1"):
         open_projector(words)
@@ -108,6 +116,7 @@ def test_numbers_and_names_reach_the_devices(monkeypatch):
         ("WebcamCamera", "/dev/video0"),
         ("GenicamCamera", None),
         ("GenicamCamera", "Acme:1"),
+        ("GentlCamera", "7"),
         ("WindowProjector", None),
         ("WindowProjector", "1"),
         ("WindowProjector", "HDMI-1"),
@@ -230,6 +239,7 @@ def test_the_list_says_what_is_there_and_what_is_missing(monkeypatch):
         lambda: iter([Webcam(2, "HD Cam", limits), DeviceProblem("webcam 3: in use")]),
     )
     monkeypatch.setattr("fringeworks.devices.genicam.genicam_cameras", list)
+    monkeypatch.setattr("fringeworks.devices.gentl_system.gentl_cameras", list)
     monkeypatch.setitem(sys.modules, "picamera2", None)
     camera_kind("acme", find=lambda: [ListedDevice("acme:1", "Acme 1")])(lambda words: words)
     projectors, cameras = list_devices()
@@ -246,6 +256,7 @@ def test_the_list_says_what_is_there_and_what_is_missing(monkeypatch):
         ),
         ("webcam: webcam 3: in use", False),
         ("genicam: none found", False),
+        ("gentl: none found", False),
         (f"picamera: {NO_PI}", False),
         ("acme:1: Acme 1", True),
     ]

@@ -1,4 +1,8 @@
-"""A real GigE Vision peer: Aravis' fake camera on loopback, with frames of our own."""
+"""Cameras of the GenICam standard: one set of tests for both libraries that talk to them.
+
+Aravis meets a real peer of GigE Vision, its fake camera on loopback with frames of our own. GenTL
+meets a producer built for the tests.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,10 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError, MissingPackage, PatternPlan, encode
+from fringeworks.devices.aravis import aravis
+from fringeworks.devices.genicam import GenicamCamera, genicam_cameras
+from fringeworks.devices.gentl import GentlCamera
+from fringeworks.devices.gentl_system import gentl_cameras
 from fringeworks.devices.opening import list_devices, open_camera
 from fringeworks.devices.protocols import Camera, Closing, LineCamera, TriggeredCamera
 from fringeworks.files import read_stack
@@ -18,15 +26,7 @@ from fringeworks.scan.capture import capture
 from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.exposure_proof import exposure_obeys
 from fringeworks.types import CameraSettings, DeviceProblem, Region
-
-try:
-    from fringeworks.devices.aravis import aravis
-    from fringeworks.devices.genicam import GenicamCamera, genicam_cameras
-
-    aravis()
-except MissingPackage as error:
-    pytest.skip(f"{error}", allow_module_level=True)
-
+from tests.fake_gentl import GentlPeer, compiler
 from tests.fake_gige import CameraProcess, counts, the_only_camera
 
 pytestmark = pytest.mark.system
@@ -50,13 +50,17 @@ class SharedProjector(Closing):
         return time.monotonic()
 
 
+def scene():
+    y, x = np.mgrid[:SIZE, :SIZE]
+    white = 120 + 60 * np.sin(x / 30) * np.cos(y / 25)
+    return np.stack((white, 0.04 * white + 2))
+
+
 class Peer(CameraProcess):
     """The fake camera in a process of its own, and the projector that it looks at."""
 
     def __init__(self, folder: Path, serial: str, lost: int = 0):
-        y, x = np.mgrid[:SIZE, :SIZE]
-        white = 120 + 60 * np.sin(x / 30) * np.cos(y / 25)
-        self.scene = np.stack((white, 0.04 * white + 2))
+        self.scene = scene()
         np.save(folder / "scene.npy", self.scene)
         self.projector = SharedProjector(folder / "picture.npy")
         super().__init__(serial, "tests.fake_gige", folder, serial, lost)
@@ -65,18 +69,60 @@ class Peer(CameraProcess):
         return counts(self.scene, picture, 1e3 * exposure_ms, gain_db)
 
 
-@contextlib.contextmanager
-def peer(folder, serial, **options):
-    with the_only_camera():
-        made = Peer(folder, serial, **options)
+class OverAravis:
+    """Cameras through Aravis."""
+
+    kind, camera, wide, cameras = "genicam", GenicamCamera, "Mono16", staticmethod(genicam_cameras)
+
+    @staticmethod
+    @contextlib.contextmanager
+    def peer(folder, serial, **options):
+        with the_only_camera():
+            made = Peer(folder, serial, **options)
+            made.maker, made.serial = "Aravis Fake", serial
+            try:
+                yield made
+            finally:
+                made.stop()
+
+    @staticmethod
+    def check():
+        try:
+            aravis()
+        except MissingPackage as error:
+            pytest.skip(f"{error}")
+
+
+class OverGentl:
+    """Cameras through a producer of GenTL."""
+
+    kind, camera, wide, cameras = "gentl", GentlCamera, "Mono12", staticmethod(gentl_cameras)
+
+    @staticmethod
+    @contextlib.contextmanager
+    def peer(*_, **options):
+        made = GentlPeer(scene(), **options)
+        made.maker, made.serial = "Fringeworks Fake", made.identifier
         try:
             yield made
         finally:
             made.stop()
 
+    @staticmethod
+    def check():
+        pytest.importorskip("genicam.gentl", reason="needs genicam")
+        if compiler() is None:
+            pytest.skip("needs a C compiler for the producer")
 
-def opened(made) -> GenicamCamera:
-    camera = GenicamCamera(made.identifier)
+
+@pytest.fixture(params=[OverAravis, OverGentl], ids=["aravis", "gentl"])
+def over(request):
+    request.param.check()
+    return request.param
+
+
+def opened(over, made):
+    camera = over.camera(made.identifier)
     camera.configure(CameraSettings(exposure_ms=10.0, gain_db=0.0, region=Region(0, 0, SIZE, SIZE)))
     return camera
 
@@ -87,9 +133,9 @@ def plan():
     )
 
 
-def test_a_line_exposes_the_frames_until_triggers_end(tmp_path):
+def test_a_line_exposes_the_frames_until_triggers_end(over, tmp_path):
     """Nobody pulses the line of the fake camera: no frame comes until it runs freely again."""
-    with peer(tmp_path, "FW9") as made, opened(made) as camera:
+    with over.peer(tmp_path, "FW9") as made, opened(over, made) as camera:
         assert isinstance(camera, LineCamera)
         camera.wait_for_line()
         with pytest.raises(DeviceProblem, match="expected a frame, got none within 0.3 s"):
@@ -98,13 +144,15 @@ def test_a_line_exposes_the_frames_until_triggers_end(tmp_path):
         assert camera.grab().complete
 
 
-def test_discovery_settings_and_triggers(tmp_path):
-    with peer(tmp_path, "FW1") as made:
-        assert [c.serial for c in genicam_cameras() if c.identifier == made.identifier] == ["FW1"]
-        with opened(made) as camera:
+def test_discovery_settings_and_triggers(over, tmp_path):
+    with over.peer(tmp_path, "FW1") as made:
+        assert [c.serial for c in over.cameras() if c.identifier == made.identifier] == [
+            made.serial
+        ]
+        with opened(over, made) as camera:
             assert isinstance(camera, TriggeredCamera)
             assert isinstance(camera, Camera)
-            assert camera.name == "Aravis Fake FW1"
+            assert camera.name == f"{made.maker} {made.serial}"
             limits = camera.limits()
             assert "Mono8" in limits.pixel_formats
             assert limits.exposure_ms == pytest.approx((0.01, 10_000))
@@ -133,39 +181,39 @@ def test_discovery_settings_and_triggers(tmp_path):
             with pytest.raises(InputError, match="pixel format"):
                 camera.configure(CameraSettings(pixel_format="Mono12p"))
             with pytest.raises(DeviceProblem, match="not in use"):
-                GenicamCamera(made.identifier)
+                over.camera(made.identifier)
         with pytest.raises(DeviceProblem, match="got a closed one"):
             camera.grab()
 
 
-def test_sixteen_bit_frames(tmp_path):
-    with peer(tmp_path, "FW2") as made, opened(made) as camera:
-        used = camera.configure(CameraSettings(pixel_format="Mono16"))
-        assert used.pixel_format == "Mono16"
+def test_sixteen_bit_frames(over, tmp_path):
+    with over.peer(tmp_path, "FW2") as made, opened(over, made) as camera:
+        used = camera.configure(CameraSettings(pixel_format=over.wide))
+        assert used.pixel_format == over.wide
         assert camera.grab().pixels.dtype == np.uint16
 
 
 @pytest.mark.parametrize("fast", [False, pytest.param(True, marks=pytest.mark.long)])
-def test_a_capture_over_the_wire_is_exact(tmp_path, fast):
-    with peer(tmp_path, "FW3") as made, opened(made) as camera:
+def test_a_capture_over_the_wire_is_exact(over, tmp_path, fast):
+    with over.peer(tmp_path, "FW3") as made, opened(over, made) as camera:
         delay = measure_delay(made.projector, camera, triggered=True) if fast else None
         folder = capture(made.projector, camera, plan(), tmp_path / "c", delay=delay)
         stack = read_stack(folder)
-        assert stack.camera == "Aravis Fake FW3"
+        assert stack.camera == f"{made.maker} {made.serial}"
         for frame, picture in zip(stack.frames, encode(plan()), strict=True):
             np.testing.assert_array_equal(frame, made.expected(picture))
 
 
-def test_lost_packets_do_not_change_the_frames(tmp_path):
-    with peer(tmp_path, "FW4", lost=50) as made, opened(made) as camera:
+def test_lost_packets_do_not_change_the_frames(over, tmp_path):
+    with over.peer(tmp_path, "FW4", lost=50) as made, opened(over, made) as camera:
         stack = read_stack(capture(made.projector, camera, plan(), tmp_path / "c"))
         for frame, picture in zip(stack.frames, encode(plan()), strict=True):
             np.testing.assert_array_equal(frame, made.expected(picture))
 
 
 @pytest.mark.long
-def test_a_killed_camera_leaves_what_was_taken(tmp_path):
-    with peer(tmp_path, "FW5") as made:
+def test_a_killed_camera_leaves_what_was_taken(over, tmp_path):
+    with over.peer(tmp_path, "FW5") as made:
         taken = []
 
         def kill_at_five(label):
@@ -173,38 +221,48 @@ def test_a_killed_camera_leaves_what_was_taken(tmp_path):
             if len(taken) == 5:
                 made.kill()
 
-        with opened(made) as camera, pytest.raises(DeviceProblem):
+        with opened(over, made) as camera, pytest.raises(DeviceProblem):
             capture(made.projector, camera, plan(), tmp_path / "c", progress=kill_at_five)
         assert 5 <= len(list((tmp_path / "c").glob("*.png"))) < 12
         made.start()
-        with opened(made) as camera:
+        with opened(over, made) as camera:
             folder = capture(made.projector, camera, plan(), tmp_path / "c", resume=True)
             whole = capture(made.projector, camera, plan(), tmp_path / "d")
         for frame, other in zip(read_stack(folder).frames, read_stack(whole).frames, strict=True):
             np.testing.assert_array_equal(frame, other)
 
 
-def test_an_unknown_camera_names_those_there(tmp_path):
-    with peer(tmp_path, "FW6"), pytest.raises(DeviceProblem, match="Aravis-Fake-FW6: Aravis Fake"):
-        GenicamCamera("Basler-123")
+def test_a_camera_without_ptp_says_so(tmp_path):
+    OverAravis.check()
+    with OverAravis.peer(tmp_path, "FW6") as made, GenicamCamera(made.identifier) as camera:
+        with pytest.raises(DeviceProblem, match=r"Fake FW6: expected a camera with PTP"):
+            camera.synchronise()
+        assert camera.grab().clock == "camera"
 
 
-def test_the_camera_is_listed_and_opened_by_words(tmp_path):
-    with peer(tmp_path, "FW7") as made:
-        words = f"genicam:{made.identifier}"
+def test_an_unknown_camera_names_those_there(over, tmp_path):
+    with over.peer(tmp_path, "FW6") as made:
+        listed = f"{made.identifier}: {made.maker}"
+        with pytest.raises(DeviceProblem, match=f"cameras found: {listed}"):
+            over.camera("Basler-123")
+
+
+def test_the_camera_is_listed_and_opened_by_words(over, tmp_path):
+    with over.peer(tmp_path, "FW7") as made:
+        words = f"{over.kind}:{made.identifier}"
         listed = {line.words: line for line in list_devices()[1]}
         assert "exposure 0.01 to 10000 ms" in listed[words].description
         assert "Mono8" in str(listed[words])
         with open_camera(words) as camera:
-            assert camera.name == "Aravis Fake FW7"
+            assert camera.name == f"{made.maker} {made.serial}"
             busy = {line.words: line for line in list_devices()[1]}[words]
             assert not busy.usable
             assert "in use" in busy.description
 
 
 @pytest.mark.long
-def test_the_exposure_obeys_over_the_wire(tmp_path):
-    with peer(tmp_path, "FW8") as made, opened(made) as camera:
+def test_the_exposure_obeys_over_the_wire(over, tmp_path):
+    with over.peer(tmp_path, "FW8") as made, opened(over, made) as camera:
         found = exposure_obeys(made.projector, camera)
         assert found.obeyed
         assert found.ratio == pytest.approx(2.0, abs=0.05)

@@ -25,10 +25,10 @@ ELSEWHERE = {
     "test_kills and test_read_write": ("write_", "write", "save_figure"),
     "devices, in their own tests": (
         "open_", "list_devices", "ListedDevice", "virtual_bench", "virtual_rig", "WindowProjector", "MemoryProjector",
-        "WebcamCamera", "GenicamCamera", "FolderCamera", "Camera", "CameraLimits", "Projector", "TriggeredCamera", "Clock",
+        "WebcamCamera", "GenicamCamera", "GentlCamera", "FolderCamera", "Camera", "CameraLimits", "Projector", "TriggeredCamera", "Clock",
         "VideoMode", "Grab", "LineCamera", "SequenceProjector", "SequenceSettings", "Dlpc900", "Dlpc350", "DlpStatus", "TriggerBox", "GrblTable",
         "camera_kind", "projector_kind", "scanner_kind", "measure_delay", "Delay", "take",
-        "take_frames", "capture", "capture_hdr", "live", "LiveCloud", "TakenPose", "calibrate_live", "PoseTaker",
+        "take_frames", "capture", "capture_hdr", "capture_together", "CameraGroup", "PtpCamera", "live", "LiveCloud", "TakenPose", "calibrate_live", "PoseTaker",
         "take_poses", "auto_exposure", "exposure_series", "Setup", "SetupStopped", "SetupTests", "StoredSetup", "set_up",
         "setup_sheet",
     ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import runpy
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -35,6 +36,32 @@ def test_every_cloud_is_the_sphere_in_the_same_memory(fast):
         memory.add(cloud.points.xyz_mm.__array_interface__["data"][0])
     assert len(memory) == 1
     assert judged == [True, False, False]
+
+
+def test_points_in_the_base_of_a_robot():
+    place = np.eye(4)
+    place[:3, 3] = 100.0, -50.0, 30.0
+    rig = replace(RIG, robot=fw.rig.RobotFrame("hand", place, None, None, None))
+    poses = []
+
+    def pose():
+        flange = np.eye(4)
+        flange[2, 3] = 10.0 * len(poses)
+        poses.append(flange)
+        return flange
+
+    for k, cloud in enumerate(islice(live_of(rig, pose), 2), 1):
+        assert cloud.points.frame == "base"
+        expected = place[:3, 3] + [0.0, 0.0, 10.0 * k]
+        np.testing.assert_allclose(cloud.points.placement.T_frame_camera[:3, 3], expected)
+    # Without the robot in the rig, no frame is taken.
+    with pytest.raises(fw.InputError, match="expected where the camera is on the robot, got none"):
+        next(live_of(RIG, lambda: None))
+
+
+def live_of(rig, pose):
+    projector, camera = virtual_bench("sphere", clock=SimulatedClock())
+    return fw.live(projector, camera, PLAN, rig, robot_pose=pose)
 
 
 def test_the_example(capsys, tmp_path, monkeypatch):

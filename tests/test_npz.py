@@ -1,5 +1,6 @@
 """Archives are NumPy's, whatever way their members are compressed."""
 
+import io
 import zipfile
 import zlib
 
@@ -51,3 +52,28 @@ def test_words_that_repeat_are_looked_for(tmp_path):
     assert (tmp_path / "alike.npz").stat().st_size < 3000
     with np.load(tmp_path / "alike.npz", allow_pickle=False) as found:
         assert all(np.array_equal(found[name], alike[name]) for name in alike)
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        np.arange(24, dtype="<f4").reshape(2, 3, 4),
+        np.arange(24, dtype=">f8").reshape(2, 3, 4),
+        np.arange(24, dtype=np.uint8).reshape(4, 6)[:, ::2],
+        np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+        np.array([True, False]),
+        np.array(3.5),
+        np.zeros((0, 3), np.float32),
+        np.array("text"),
+    ],
+    ids=lambda a: f"{a.dtype.str} {a.shape}",
+)
+def test_a_plain_archive_has_the_bytes_of_numpy(tmp_path, array):
+    write_members(tmp_path / "a.npz", {"array": array}, compressed=False)
+    expected = io.BytesIO()
+    np.lib.format.write_array(expected, array, allow_pickle=False)
+    with zipfile.ZipFile(tmp_path / "a.npz") as archive:
+        assert archive.testzip() is None
+        assert archive.read("array.npy") == expected.getvalue()
+    with np.load(tmp_path / "a.npz", allow_pickle=False) as found:
+        np.testing.assert_array_equal(found["array"], array)

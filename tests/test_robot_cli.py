@@ -76,6 +76,24 @@ def test_what_is_missing_is_said(place, options, words):
     assert not (place / "c.npz").exists()
 
 
+def test_a_scan_in_the_base_is_refused_before_and_placed_after(tmp_path):
+    rig = fw.devices.virtual_rig()
+    fw.files.write_rig(tmp_path / "plain.toml", rig)
+    fw.files.write_rig(
+        tmp_path / "base.toml",
+        replace(rig, robot=fw.rig.RobotFrame("base", PLACE, None, None, None)),
+    )
+    fw.files.write_plan(tmp_path / "plan.toml", fringe_plan(rig, both=False))
+    words = ("scan", "plan.toml", "--projector", "virtual", "--camera", "virtual:sphere")
+    words += ("--in", "robot", "--capture", "part", "--out", "part.ply")
+    done = run(*words, "--rig", "plain.toml", cwd=tmp_path, code=2)
+    assert "where the camera is on the robot, got none" in done.stderr
+    assert not (tmp_path / "part").exists()
+    done = run(*words, "--rig", "base.toml", cwd=tmp_path)
+    assert "points in coordinates of base" in done.stdout
+    run(*words, "--rig", "base.toml", "--turntable", "60", cwd=tmp_path, code=2)
+
+
 def test_hand_eye_says_what_it_needs(place):
     (place / "board").mkdir()
     given = ["--rig", "rig.toml", "--board", "chessboard:11x8:12", "--mount", "hand"]

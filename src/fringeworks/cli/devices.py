@@ -24,6 +24,7 @@ from fringeworks.cli.options import (
     ProjectorWords,
     axes_of,
 )
+from fringeworks.cli.robots import FrameName, RobotOptions
 from fringeworks.cli.showing import ShowOptions
 
 SECTION = "Devices"
@@ -223,6 +224,7 @@ def scan(
         ),
     ] = None,
     *,
+    robot: RobotOptions,
     show: ShowOptions,
 ) -> None:
     """Take the frames of a plan and measure the points of the object."""
@@ -233,6 +235,8 @@ def scan(
             raise fw.InputError(
                 "--turntable cannot be combined with a figure, JSON or report of one view"
             )
+        if robot.frame != FrameName.camera:
+            raise fw.InputError("--turntable cannot be combined with --in robot")
         take_views(words, rig, out, folder, devices, taking, plan, (turntable, board, turn))
         return
     if board is not None or turn is not None:
@@ -240,10 +244,11 @@ def scan(
     output.check(out, "points", content=ply.value)
     show.check()
     known = fw.files.read_rig(rig)
+    robot.check_before(known, folder.name)
     how = fw.scan.Take(**vars(taking))
     with opened(devices, plan) as bench:
         _take(bench, folder, how)
-    found = fw.measure(folder, known)
+    found = robot.placed(fw.measure(folder, known), known, folder.name)
     show.write_points(words, found, known, out, ply, name=folder.name)
     words.wrote(folder, out, *show.targets)
 

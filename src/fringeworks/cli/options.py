@@ -61,7 +61,10 @@ ProjectorWords = Annotated[
 ]
 CameraWords = Annotated[
     str | None,
-    typer.Option("--camera", help="webcam:NUMBER, genicam[:NAME], folder:PATH or virtual[:SCENE]."),
+    typer.Option(
+        "--camera",
+        help="webcam:NUMBER, genicam[:NAME], gentl[:NAME], folder:PATH, virtual[:SCENE].",
+    ),
 ]
 Size = Annotated[int, typer.Option("--size", help="Side of the frames, px.")]
 

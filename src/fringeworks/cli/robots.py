@@ -63,14 +63,25 @@ class RobotOptions:
         if self.robot_pose is None and self.poses_as:
             raise fw.InputError("--poses-as: expected together with --robot-pose")
 
+    def check_before(self, rig: fw.Rig, name: str) -> None:
+        """Refuse before frames are taken what ``placed`` refuses afterwards."""
+        from fringeworks.rig.robot.base import base_camera
+
+        self.check()
+        if self.frame == FrameName.robot:
+            base_camera(rig, self._given(name))
+
     def placed(self, found: Any, rig: fw.Rig, name: str) -> Any:
         """A measurement or its points in the coordinates that were asked for."""
         if self.frame == FrameName.camera:
             return found
-        pose = None if self.robot_pose is None else self._pose(self.robot_pose, name)
+        pose = self._given(name)
         if isinstance(found, fw.PointCloud):
             return fw.rig.in_base(found, rig, pose)
         return replace(found, points=fw.rig.in_base(found.points, rig, pose))
+
+    def _given(self, name: str) -> RobotPoses | None:
+        return None if self.robot_pose is None else self._pose(self.robot_pose, name)
 
     def _pose(self, given: str, name: str) -> RobotPoses:
         if not output.is_there(given):

@@ -5,6 +5,7 @@ from .protocols import (
     Projector as Projector,
     TriggeredCamera as TriggeredCamera,
     LineCamera as LineCamera,
+    PtpCamera as PtpCamera,
 )
 from ..types import (
     CameraSettings as CameraSettings,
@@ -50,6 +51,9 @@ from .webcam import (
 )
 from .genicam import (
     GenicamCamera as GenicamCamera,
+)
+from .gentl import (
+    GentlCamera as GentlCamera,
 )
 from .folder_camera import (
     FolderCamera as FolderCamera,

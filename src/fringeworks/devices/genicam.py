@@ -4,16 +4,29 @@ from __future__ import annotations
 
 import ctypes as c
 import time
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.devices.aravis import HANDLE, Unanswered, aravis
+from fringeworks.devices.genicam_names import (
+    PTP_ENABLE,
+    PTP_LATCH,
+    PTP_OFFSET,
+    PTP_STATUS,
+    SOFTWARE,
+    Found,
+    check_limits,
+    exposure_us,
+    input_line,
+    no_ptp,
+    settled,
+    unplugged,
+)
 from fringeworks.devices.pixel_formats import Channel, full_scale, to_grey, unpacked
 from fringeworks.devices.protocols import CameraLimits, Closing, Grab
-from fringeworks.types import CameraSettings, DeviceProblem, InputError, Region
+from fringeworks.types import CameraSettings, DeviceProblem, Region
 
 BUFFERS = 8
 """Frames that the library can hold until they are grabbed: half a second at usual rates."""
@@ -21,33 +34,9 @@ STATUS_SUCCESS = 0
 """Status of a buffer whose frame is complete (ArvBufferStatus)."""
 AUTO_OFF = 0
 """Automatic exposure and gain off (ArvAuto)."""
-EXPOSURE_STEP_MS = 1e-3
-"""Resolution in which exposures are compared, ms: GenICam's are whole or fractional µs."""
-EXPOSURE_DIGITS = 4
-"""Decimal places of exposures in µs that a camera is asked for: 0.1 ns is finer than any camera's
-step, and far coarser than the rounding of ms to µs in double precision."""
 SILENT_S = 1.0
 """Time without a frame after which a camera is asked whether it is still there, s: long enough for
 usual exposures, and short beside the 3 s that it takes to learn that nobody answers."""
-SOFTWARE = b"Software"
-"""Trigger source of GenICam for a trigger that the computer sends."""
-LINE = "Line"
-"""Beginning of the names of trigger sources that are input lines (GenICam, Standard Features Naming
-Convention, TriggerSource)."""
-
-
-@dataclass(frozen=True)
-class Found:
-    """A camera that answered to a search."""
-
-    identifier: str
-    """What opens it."""
-    vendor: str
-    model: str
-    serial: str
-
-    def __str__(self) -> str:
-        return f"{self.identifier}: {self.vendor} {self.model}, serial number {self.serial}"
 
 
 def genicam_cameras() -> list[Found]:
@@ -102,6 +91,7 @@ class GenicamCamera(Closing):
         self._name = f"camera {identifier}" if identifier else "camera"
         self._gone = False
         self._channel = channel
+        self._clock: Literal["camera", "ptp"] = "camera"
         self._triggered = False
         self._on_line = False
         self._ahead: Grab | None = None
@@ -122,6 +112,8 @@ class GenicamCamera(Closing):
                 self._call(f"set_{what}_auto", None, (c.c_int, AUTO_OFF))
         # Cameras keep their settings from program to program.
         self._call("clear_triggers", None)
+        if (ptp := self._feature(PTP_ENABLE)) is not None:
+            self._call("set_boolean", None, (c.c_char_p, ptp), (c.c_int, 0))
 
     def _opened(self, identifier: bytes | None) -> Any:
         # Without a search, the library may ask for the frames at another network interface.
@@ -168,7 +160,7 @@ class GenicamCamera(Closing):
         if settings == CameraSettings():
             # Nothing changes, so frames may go on.
             return self._read_back()
-        self._check_limits(settings)
+        check_limits(self.name, self.limits(), settings)
         self._stop()
         region = settings.region
         if settings.pixel_format is not None:
@@ -178,16 +170,15 @@ class GenicamCamera(Closing):
             values = (region.x_px, region.y_px, region.width_px, region.height_px)
             self._call("set_region", None, *((c.c_int, value) for value in values))
         if settings.exposure_ms is not None:
-            # Cameras that count whole µs drop the rest: 1e3 * 4.007 is a hair below 4007.
-            exposure_us = round(1e3 * settings.exposure_ms, EXPOSURE_DIGITS)
-            self._call("set_exposure_time", None, (c.c_double, exposure_us))
+            exposure = exposure_us(settings.exposure_ms)
+            self._call("set_exposure_time", None, (c.c_double, exposure))
         if settings.gain_db is not None:
             self._call("set_gain", None, (c.c_double, settings.gain_db))
         changes = self._on_line or settings.triggered != self._triggered
         if settings.triggered is not None and changes:
             self._on_line = False
             if settings.triggered:
-                self._call("set_trigger", None, (c.c_char_p, SOFTWARE))
+                self._call("set_trigger", None, (c.c_char_p, SOFTWARE.encode()))
             else:
                 self._call("clear_triggers", None)
             self._triggered = settings.triggered
@@ -235,18 +226,40 @@ class GenicamCamera(Closing):
     def wait_for_line(self) -> None:
         """Expose a frame for every pulse on the first input line; see ``LineCamera``."""
         sources = self._aravis.words("arv_camera_dup_available_trigger_sources", self._camera)
-        lines = sorted(source for source in sources if source.startswith(LINE))
-        if not lines:
-            raise DeviceProblem(
-                f"{self.name}: expected an input line as a trigger source, got "
-                f"{', '.join(sources) or 'none'}"
-            )
+        line = input_line(self.name, sources)
         self._stop()
-        # Line0 is an output of some makers, Line1 an input of most.
-        line = "Line1" if "Line1" in lines else lines[0]
         self._call("set_trigger", None, (c.c_char_p, line.encode()))
         self._triggered, self._on_line = False, True
         self._start()
+
+    def synchronise(self, timeout_s: float = 15.0) -> float | None:
+        """Let the camera's clock follow the network's; see ``PtpCamera.synchronise``."""
+        enable, status = self._feature(PTP_ENABLE), self._feature(PTP_STATUS)
+        if enable is None or status is None:
+            raise no_ptp(self.name)
+        self._stop()
+        self._call("set_boolean", None, (c.c_char_p, enable), (c.c_int, 1))
+
+        def told() -> str:
+            word = self._call("get_string", c.c_char_p, (c.c_char_p, status))
+            return str((word or b"").decode(errors="replace"))
+
+        settled(self.name, told, timeout_s)
+        self._clock = "ptp"
+        if (latch := self._feature((PTP_LATCH,))) is not None:
+            self._call("execute_command", None, (c.c_char_p, latch))
+        offset = self._feature((PTP_OFFSET,))
+        if offset is None:
+            return None
+        return 1e-9 * int(self._call("get_integer", c.c_int64, (c.c_char_p, offset)))
+
+    def _feature(self, names: tuple[str, ...]) -> bytes | None:
+        """The first of several features that the camera has."""
+        for name in names:
+            word = name.encode()
+            if self._call("is_feature_available", c.c_int, (c.c_char_p, word)):
+                return word
+        return None
 
     def close(self) -> None:
         """Release the camera; again without effect."""
@@ -267,10 +280,7 @@ class GenicamCamera(Closing):
             return self._aravis.checked(f"arv_camera_{name}", result, camera, *arguments)
         except Unanswered as error:
             self._gone = True
-            raise DeviceProblem(
-                f"{self._name}: expected a camera that answers, got none ({_reason(error)}): it "
-                "was unplugged or switched off, or the network is down; connect it and resume"
-            ) from error
+            raise unplugged(self._name, _reason(error)) from error
         except DeviceProblem as error:
             raise DeviceProblem(f"{self._name}: {_reason(error)}") from error
 
@@ -295,25 +305,6 @@ class GenicamCamera(Closing):
         pointer = c.POINTER(c.c_double)
         self._call(f"get_{what}_bounds", None, (pointer, c.byref(low)), (pointer, c.byref(high)))
         return low.value, high.value
-
-    def _check_limits(self, settings: CameraSettings) -> None:
-        limits = self.limits()
-        for what in ("exposure_ms", "gain_db"):
-            value, bounds = getattr(settings, what), getattr(limits, what)
-            if value is None:
-                continue
-            if bounds is None:
-                raise InputError(f"{self.name}: {what}: this camera has no such setting")
-            if not bounds[0] - EXPOSURE_STEP_MS <= value <= bounds[1] + EXPOSURE_STEP_MS:
-                raise InputError(
-                    f"{self.name}: {what}: expected {bounds[0]:g} to {bounds[1]:g}, got {value:g}"
-                )
-        name = settings.pixel_format
-        if name is not None and name not in limits.pixel_formats:
-            raise InputError(
-                f"{self.name}: expected a pixel format of {', '.join(limits.pixel_formats)}; "
-                f"got {name}"
-            )
 
     def _read_back(self) -> CameraSettings:
         values = [c.c_int() for _ in range(4)]
@@ -394,6 +385,7 @@ class GenicamCamera(Closing):
             1e-9 * ask("timestamp", c.c_uint64),
             int(ask("frame_id", c.c_uint64)),
             complete,
+            self._clock,
         )
 
     def _pixels(self, buffer: Any, complete: bool) -> NDArray[Any]:

@@ -117,6 +117,27 @@ def open_genicam(identifier: str) -> Camera:
     return GenicamCamera(identifier or None)
 
 
+def _gentls() -> Iterator[ListedDevice]:
+    from fringeworks.devices.gentl import GentlCamera
+    from fringeworks.devices.gentl_system import gentl_cameras
+
+    for found in gentl_cameras():
+        words = f"gentl:{found.identifier}"
+        try:
+            with GentlCamera(found.identifier) as camera:
+                yield ListedDevice(words, f"{camera.name}, {described(camera.limits())}")
+        except DeviceProblem as problem:
+            yield ListedDevice(words, str(problem), usable=False)
+
+
+@registering(CAMERA_KINDS, "camera", "gentl", _gentls)
+def open_gentl(identifier: str) -> Camera:
+    """``gentl`` or ``gentl:IDENTIFIER``: a camera through its maker's driver, a GenTL producer."""
+    from fringeworks.devices.gentl import GentlCamera
+
+    return GentlCamera(identifier or None)
+
+
 def _picameras() -> Iterator[ListedDevice]:
     from fringeworks.devices.raspberry_camera import pi_cameras
 
@@ -140,6 +161,14 @@ def open_gphoto2(port: str) -> Camera:
     from fringeworks.devices.photo_camera import PhotoCamera
 
     return PhotoCamera(port)
+
+
+@registering(CAMERA_KINDS, "camera", "phone", None)
+def open_phone(folder: str) -> Camera:
+    """``phone:FOLDER``: a phone that shows the page ``/phone`` of the studio in a folder."""
+    from fringeworks.devices.phone_camera import PhoneCamera
+
+    return PhoneCamera(_needed("phone", "FOLDER", folder))
 
 
 @registering(CAMERA_KINDS, "camera", "http", None)

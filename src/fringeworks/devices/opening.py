@@ -106,7 +106,8 @@ def open_camera(words: str) -> Camera:
     Parameters
     ----------
     words : str
-        A kind, and which one: ``webcam:0``, ``genicam``, ``genicam:IDENTIFIER``, ``folder:PATH``,
+        A kind, and which one: ``webcam:0``, ``genicam``, ``genicam:IDENTIFIER``, ``gentl``,
+        ``folder:PATH``,
         or a kind that was registered with ``camera_kind``.
 
     Raises

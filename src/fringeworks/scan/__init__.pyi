@@ -39,6 +39,10 @@ from .exposure import (
 from .hdr import (
     capture_hdr as capture_hdr,
 )
+from .together import (
+    CameraGroup as CameraGroup,
+    capture_together as capture_together,
+)
 from .turntable import (
     scan_turntable as scan_turntable,
 )

@@ -110,7 +110,7 @@ def capture(
         projector=projector.name,
         settings=used,
         averaged=average,
-        saturation=_saturation(used, average),
+        saturation=saturation_of(used, average),
         resume=resume,
         force=force,
     ) as writer:
@@ -171,7 +171,7 @@ def capture_in_memory(
     return Stack(
         frames,
         plan,
-        saturation=_saturation(used, average),
+        saturation=saturation_of(used, average),
         camera=camera.name,
         projector=projector.name,
         count_step=step_of(frames[0].dtype),
@@ -179,7 +179,7 @@ def capture_in_memory(
     )
 
 
-def _saturation(settings: CameraSettings, average: int) -> float | None:
+def saturation_of(settings: CameraSettings, average: int) -> float | None:
     """Counts from which on samples are not trusted, where the type of the frames does not tell."""
     if settings.pixel_format is None:
         return None

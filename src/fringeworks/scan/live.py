@@ -12,12 +12,15 @@ import numpy as np
 
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.patterns.plan import PatternPlan
+from fringeworks.rig.robot.base import base_camera, in_base
+from fringeworks.rig.robot.readings import RobotPoses
 from fringeworks.scan.frames import Progress, check_plan, pictures_of, taker_of
 from fringeworks.stack.decoder import JUDGE_EVERY, Decoder
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.types import (
     Delay,
     DeviceProblem,
+    FloatMap,
     Frozen,
     InputError,
     PointCloud,
@@ -74,6 +77,7 @@ def live(
     reopen: Callable[[], tuple[Projector, Camera]] | None = None,
     retry_s: float = RETRY_S,
     progress: Progress = lambda _: None,
+    robot_pose: Callable[[], RobotPoses | FloatMap | None] | None = None,
     **options: Unpack[DecodeOptions],
 ) -> Iterator[LiveCloud]:
     """Measure points again and again, until the caller stops.
@@ -97,6 +101,10 @@ def live(
         Time between two attempts to open the devices, s.
     progress : callable
         Called with a sentence when a device has failed, and when measuring goes on.
+    robot_pose : callable, optional
+        Gives the points in the coordinates of the robot's base. Called after the frames of each
+        measurement, while the robot still stands; returns the pose of the flange as ``in_base``
+        takes it, None with the camera beside the robot. By default, points are the camera's.
     **options
         Of ``decode``.
 
@@ -126,6 +134,9 @@ def live(
     """
     if not retry_s >= 0.0:
         raise InputError(f"retry_s: expected 0 or more, got {retry_s}")
+    if robot_pose is not None:
+        # A rig without the robot is refused before the first frame.
+        base_camera(rig, robot_pose())
     check_plan(projector, plan)
     pictures = list(pictures_of(projector, plan))
     taker = taker_of(projector, camera, delay)
@@ -149,7 +160,10 @@ def live(
             if decoder is None:
                 shape, kind = frames[0].shape, frames[0].dtype
                 decoder = Decoder(plan, shape, kind, rig=rig, judge_every=judge_every, **options)
+            pose = None if robot_pose is None else robot_pose()
             points = decoder.points(frames)
+            if robot_pose is not None:
+                points = in_base(points, rig, pose)
             computed = time.perf_counter()
             yield LiveCloud(points, taken - started, computed - taken, decoder.judged)
 

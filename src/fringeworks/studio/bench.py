@@ -16,6 +16,7 @@ from fringeworks.studio.actions import Action, Scan, SetUp, TakePose, perform
 from fringeworks.studio.log import CommandLog
 from fringeworks.studio.notes import Notes
 from fringeworks.studio.part_actions import CheckRig
+from fringeworks.studio.phone import PhoneHub
 from fringeworks.studio.series import Series
 from fringeworks.studio.session import Session
 from fringeworks.studio.trash import Trash
@@ -57,6 +58,7 @@ class Bench:
         self.log = CommandLog(self.workspace)
         self.notes = Notes(self.workspace)
         self.devices = Worker()
+        self.phone = PhoneHub(self.workspace.root)
         self.projector = self.camera = VIRTUAL
         self.scene = BY_ITSELF
         self.found: tuple[list[str], list[str]] = ([], [])

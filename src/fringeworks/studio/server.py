@@ -22,6 +22,7 @@ from fringeworks.report.viewer.page import viewer_script, viewer_style
 from fringeworks.serving.guard import TOKEN, Guard
 from fringeworks.serving.listening import listening, named, own_names
 from fringeworks.studio.page import SCRIPT, STYLE, add_page
+from fringeworks.studio.phone import add_phone
 from fringeworks.studio.state import Studio
 from fringeworks.studio.thumbnails import thumbnail
 from fringeworks.types import FileProblem, InputError
@@ -78,6 +79,7 @@ def studio_app(studio: Studio, port: int = PORT) -> FastAPI:
     app.config.quasar_config["loadingBar"] = {"skipHijack": True}
     api = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     _add_files(api, studio)
+    add_phone(api, studio.phone)
     add_page(studio)
     ui.run_with(
         api,

@@ -368,4 +368,5 @@ class Studio(Bench):
             self.tour.stop()
         self.devices.close()
         self.compute.close()
+        self.phone.close()
         shutil.rmtree(self._packed, ignore_errors=True)

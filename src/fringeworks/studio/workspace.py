@@ -41,6 +41,7 @@ RESERVED = (
     "trash",
     "history.jsonl",
     "notes.json",
+    "phone.json",
 )
 """Names of the studio's own files and folders."""
 MOST_VISITED = 5000
@@ -272,6 +273,8 @@ def checked_words(words: str, space: Workspace) -> str:
     kind, colon, which = checked_text(words, "device").partition(":")
     if kind == "webcam" and colon and not which.isdecimal():
         raise InputError(f"webcam: expected a number in the studio, got {which!r}")
+    if kind == "phone":
+        return f"{kind}:{space.root}"
     return f"{kind}:{space.inside(which)}" if kind in FOLDERS else words
 
 

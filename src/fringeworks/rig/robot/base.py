@@ -58,31 +58,41 @@ def in_base(
     ...
     fringeworks.types.errors.InputError: rig: expected where the camera is on the robot, got ...
     """
+    T, covariance = base_camera(rig, robot_pose)
+    if cloud.placement is not None:
+        raise InputError(
+            f"cloud: expected points in camera coordinates, got those of {cloud.frame}"
+        )
+    placed = cloud.transformed(T, frame=BASE, covariance=covariance)
+    assert rig.robot is not None
+    unknown = _unknown(rig.robot)
+    return replace(placed, findings=(*placed.findings, *unknown)) if unknown else placed
+
+
+def base_camera(
+    rig: Rig, robot_pose: RobotPoses | FloatMap | None = None
+) -> tuple[FloatMap, FloatMap | None]:
+    """Return T_base_camera and its covariance, or None for the covariance where it is unknown.
+
+    Parameters and errors are those of ``in_base``: it refuses the same before frames are taken.
+    """
     robot = rig.robot
     if robot is None:
         raise InputError(
             "rig: expected where the camera is on the robot, got none; calibrate it (hand_eye)"
-        )
-    if cloud.placement is not None:
-        raise InputError(
-            f"cloud: expected points in camera coordinates, got those of {cloud.frame}"
         )
     if robot.mount == "base":
         if robot_pose is not None:
             raise InputError(
                 "robot pose: expected none, because the camera stands beside the robot (mount base)"
             )
-        T, covariance = robot.T_mount_camera, robot.covariance
-    else:
-        if robot_pose is None:
-            raise InputError(
-                "robot pose: expected the pose of the flange at these frames, because the camera "
-                "is in the robot's hand (mount hand), got none"
-            )
-        T, covariance = _by_pose(robot, _pose(robot, robot_pose))
-    placed = cloud.transformed(T, frame=BASE, covariance=covariance)
-    unknown = _unknown(robot)
-    return replace(placed, findings=(*placed.findings, *unknown)) if unknown else placed
+        return robot.T_mount_camera, robot.covariance
+    if robot_pose is None:
+        raise InputError(
+            "robot pose: expected the pose of the flange at these frames, because the camera "
+            "is in the robot's hand (mount hand), got none"
+        )
+    return _by_pose(robot, _pose(robot, robot_pose))
 
 
 def _by_pose(robot: RobotFrame, flange: FloatMap) -> tuple[FloatMap, FloatMap | None]:

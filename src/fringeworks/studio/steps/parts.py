@@ -250,6 +250,8 @@ def devices(step: Step) -> None:
     with ui.row().classes("fw-fields"):
         for role in ("projector", "camera"):
             words = {VIRTUAL, getattr(studio, role), *studio.found[role == "camera"]}
+            if role == "camera" and studio.phone.there:
+                words.add("phone")
             field = ui.select(
                 sorted(words),
                 label=role.capitalize(),

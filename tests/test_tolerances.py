@@ -235,6 +235,32 @@ def test_a_profile_of_a_plane_is_its_flatness():
     assert held.value > free.value
 
 
+def test_a_stated_direction_is_that_of_the_zone():
+    """The direction that is found at right angles to the datums, and one that contradicts them."""
+    one = case("iso_perpendicularity_system", np.random.default_rng([3, 41]))
+    z = one.tolerance.zone
+    free = true_value(one)
+    stated = replace(z, direction=(0.0, 1.0, 0.0))
+    same = replace(one, tolerance=replace(one.tolerance, zone=stated))
+    assert true_value(same) == pytest.approx(free, rel=1e-9)
+    wrong = replace(z, direction=(0.0, 1.0, 0.2))
+    with pytest.raises(fw.InputError, match="expected 90.0° to the first datum"):
+        true_value(replace(one, tolerance=replace(one.tolerance, zone=wrong)))
+    aside = replace(z, direction=(1.0, 1.0, 0.0))
+    with pytest.raises(fw.InputError, match="within 10° of its exact direction"):
+        true_value(replace(one, tolerance=replace(one.tolerance, zone=aside)))
+
+
+def test_two_holes_lock_the_turn_about_them():
+    x, _, z = np.eye(3)
+    plate = Body("plane", np.zeros(3), z)
+    holes = tuple(Body("cylinder", k * 30.0 * x, z, 4.0) for k in range(2))
+    assert not System((plate, holes[0])).locked
+    assert System((plate, *holes)).locked
+    turns = System((plate, *holes)).free_turns(np.zeros(3), 1.0)[:3]
+    assert np.abs(turns).max() < 1e-9
+
+
 def test_recipes_keep_datums_and_zones(tmp_path):
     one = case("iso_position", np.random.default_rng(0))
     recipe = one.recipe()
@@ -249,7 +275,6 @@ def test_recipes_keep_datums_and_zones(tmp_path):
         (lambda: zone("iso_flatness", datums=("A",)), "expected no datums"),
         (lambda: zone("iso_angularity", datums=("A",)), "an angle"),
         (lambda: zone("iso_flatness", angle_deg=30.0), "an angle"),
-        (lambda: zone("iso_parallelism", datums=("A", "B")), "expected one datum"),
         (lambda: zone("iso_roundness"), "a cylinder for iso_roundness"),
         (lambda: zone("flatness", body="sphere"), "no datums or zone"),
         (lambda: zone("iso_flatness", body="cone"), "one of plane"),

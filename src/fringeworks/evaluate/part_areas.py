@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from fringeworks.evaluate.area_points import AreaPoints, area_points
+from fringeworks.evaluate.blur_doubt import with_blur_doubt
 from fringeworks.evaluate.budget import Budget, budget_of, scales_of
 from fringeworks.evaluate.deviation import Deviation, deviation
 from fringeworks.evaluate.monte_carlo import MonteCarlo, draw_quantity, draw_zone, monte_carlo_of
@@ -34,7 +35,7 @@ class PartAreas:
     """The areas of a recipe on a surface; each is measured when it is needed first."""
 
     def __init__(self, surface: HeightMap | PointCloud, recipe: Recipe, rig: Rig | None) -> None:
-        self.surface = surface
+        self.surface = with_blur_doubt(surface, rig)
         self.recipe = recipe
         # The errors of a rig show in points alone.
         self.rig = rig if isinstance(surface, PointCloud) else None

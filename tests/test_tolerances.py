@@ -247,7 +247,7 @@ def test_a_stated_direction_is_that_of_the_zone():
     with pytest.raises(fw.InputError, match="expected 90.0° to the first datum"):
         true_value(replace(one, tolerance=replace(one.tolerance, zone=wrong)))
     aside = replace(z, direction=(1.0, 1.0, 0.0))
-    with pytest.raises(fw.InputError, match="within 10° of its exact direction"):
+    with pytest.raises(fw.InputError, match="within 10.0° of its exact direction"):
         true_value(replace(one, tolerance=replace(one.tolerance, zone=aside)))
 
 

@@ -9,6 +9,7 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.evaluate.area_points import area_points
+from fringeworks.evaluate.part_areas import PartAreas
 from fringeworks.evaluate.tolerances import skins
 from fringeworks.evaluate.tolerances.association import associate
 from fringeworks.evaluate.tolerances.bodies import Body, everything, invariant, shared
@@ -19,7 +20,17 @@ from fringeworks.evaluate.tolerances.smooth import smooth
 from fringeworks.rig.point_errors import point_errors
 from fringeworks.simulate.standard import standard_rig
 from tests.oracles import tolerances as oracle
-from tests.tolerance_bodies import BODIES, NOISE_MM, Case, case, plane, zone
+from tests.tolerance_bodies import (
+    BODIES,
+    NOISE_MM,
+    PIPE_MM,
+    SIDE,
+    Case,
+    case,
+    plane,
+    profile_case,
+    zone,
+)
 
 pytestmark = pytest.mark.statistical
 
@@ -259,6 +270,61 @@ def test_two_holes_lock_the_turn_about_them():
     assert System((plate, *holes)).locked
     turns = System((plate, *holes)).free_turns(np.zeros(3), 1.0)[:3]
     assert np.abs(turns).max() < 1e-9
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_profiles_are_those_of_another_solver(seed, monkeypatch):
+    """A pipe and its triangles, against the analytic pipe: within 1 % of the value."""
+
+    def unsmoothed(*args, **options):
+        return replace(smooth(*args, **options), resolved=False)
+
+    monkeypatch.setattr(skins, "smooth", unsmoothed)
+    monkeypatch.setattr(skins, "DISCARDED", 0.0)
+    monkeypatch.setattr(skins, "LINES", SIDE)  # the same lines as those of the pixels
+    cases = [
+        profile_case(quantity, np.random.default_rng([seed, 55]), **options)
+        for quantity, options in (
+            ("iso_surface_profile", {"located": True}),
+            ("iso_surface_profile", {}),
+            ("iso_line_profile", {"direction": (0.0, 1.0, 0.0)}),
+        )
+    ]
+    cloud = cases[0].cloud(np.random.default_rng(0), 0.0)
+    seen = {"part": cloud.xyz_mm.astype(float)}
+    expected = (
+        oracle.surface_profile(seen, PIPE_MM, located=True),
+        oracle.surface_profile(seen, PIPE_MM, located=False),
+        oracle.line_profile(seen, PIPE_MM),
+    )
+    for one, value in zip(cases, expected, strict=True):
+        assert profile_of(one, cloud) == pytest.approx(value, rel=0.01), one.tolerance.quantity
+    assert expected[0] > expected[1]
+
+
+def profile_of(one, cloud):
+    part = PartAreas(cloud, one.recipe(), None)
+    value, surfaces = prepared(one.tolerance, one.recipe(), part.of_area, part.of_model)
+    return value([np.zeros(len(surface.foot)) for surface in surfaces])
+
+
+def test_profiles_hold_their_sigma():
+    """Four pipes under noise, three profiles each."""
+    over = []
+    for seed in range(4):
+        for quantity, options in (
+            ("iso_surface_profile", {"located": True}),
+            ("iso_surface_profile", {}),
+            ("iso_line_profile", {"direction": (0.0, 1.0, 0.0)}),
+        ):
+            rng = np.random.default_rng([seed, 56])
+            one = profile_case(quantity, rng, **options)
+            true = profile_of(one, one.cloud(rng, 0.0))
+            found = PartAreas(one.cloud(rng), one.recipe(), None).measure(one.tolerance)
+            over.append((found.value - true) / found.sigma)
+    assert np.abs(over).max() < 4.0
+    # Twelve values, of three that share their noise each, know their scatter to 30 %.
+    assert 0.5 < np.sqrt(np.mean(np.square(over))) < 1.7
 
 
 def test_recipes_keep_datums_and_zones(tmp_path):

@@ -216,6 +216,34 @@ def case(quantity, rng, size=None):
     raise KeyError(quantity)
 
 
+PIPE_MM = (540.0, 40.0)
+"""Distance of the axis of the model of profiles, which runs along x, and its radius."""
+
+
+def pipe_model():
+    """The 80° of a pipe that face the camera, as triangles of 0.25° (a sagitta of 0.1 µm)."""
+    far, radius = PIPE_MM
+    turn = np.radians(np.linspace(-40.0, 40.0, 321))
+    ends = np.array([-30.0, 30.0])
+    x, t = np.meshgrid(ends, turn, indexing="ij")
+    corners = np.stack((x, radius * np.sin(t), far - radius * np.cos(t)), axis=-1).reshape(-1, 3)
+    k, n = np.arange(320), 321
+    one, other = np.stack((k, k + 1, k + n), -1), np.stack((k + 1, k + n + 1, k + n), -1)
+    mesh = fw.TriangleMesh(corners, np.concatenate((one, other)).astype(np.uint32))
+    return fw.evaluate.PartModel(mesh, fw.evaluate.KnownPose(np.eye(4)), 2.0)
+
+
+def profile_case(quantity, rng, **options):
+    """A pipe with a wavy form that lies a little beside its model."""
+    far, radius = PIPE_MM
+    u, v = grid()
+    t = np.radians(30.0) * v
+    r = radius + random_size(rng) * wavy(rng, u, v)
+    points = np.stack((HALF_MM * u, r * np.sin(t), far - r * np.cos(t)), axis=-1)
+    moved = turned(points, rng, 5e-4) + 0.03 * rng.normal(size=3)
+    return Case(zone(quantity, **options), {"part": moved}, {}, pipe_model())
+
+
 def _to_a_system(name, rng, s):
     """Orientation to two or three planes: across the other two, 30° off one, or an axis."""
     planes = frame_planes(rng, 0.3 * s)

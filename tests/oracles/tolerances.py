@@ -297,6 +297,52 @@ def total_run_out(points, _zone):
     return np.ptp(run_outs(points))
 
 
+def off_pipe(xyz, far, radius, motion):
+    """Distances of points from a pipe along x, after a motion of the points about their mean."""
+    middle = xyz.mean(axis=0)
+    turn = scipy.spatial.transform.Rotation.from_rotvec(motion[:3] / 20.0)
+    at = turn.apply(xyz - middle) + middle + motion[3:]
+    return np.hypot(at[:, 1], at[:, 2] - far) - radius
+
+
+def least_largest(away, start):
+    """The smallest largest size of away(motion), by sequential quadratics."""
+    solved = scipy.optimize.minimize(
+        lambda x: x[0],
+        np.concatenate(([np.abs(away(start)).max()], start)),
+        jac=lambda x: np.concatenate(([1.0], np.zeros(len(x) - 1))),
+        constraints={
+            "type": "ineq",
+            "fun": lambda x: np.concatenate((x[0] - away(x[1:]), x[0] + away(x[1:]))),
+        },
+        method="SLSQP",
+        options={"maxiter": 300, "ftol": 1e-11},
+    )
+    return solved.x[0]
+
+
+def surface_profile(points, pipe, *, located):
+    """Profile of a surface whose model is a pipe: without datums, the points may move."""
+    xyz = points["part"].reshape(-1, 3)
+    if located:
+        return 2.0 * np.abs(off_pipe(xyz, *pipe, np.zeros(6))).max()
+    # A pipe does not tell turns about its axis from shifts across it, nor shifts along it.
+    return 2.0 * least_largest(
+        lambda m: off_pipe(xyz, *pipe, np.array([0.0, m[0], m[1], 0.0, m[2], m[3]])), np.zeros(4)
+    )
+
+
+def line_profile(points, pipe):
+    """Profile of the sections across a pipe, each of which may move in its plane."""
+    far, radius = pipe
+    widest = 0.0
+    for k in range(points["part"].shape[1]):
+        at = points["part"][:, k, 1:] - np.array([0.0, far])
+        moved = least_largest(lambda c, at=at: np.linalg.norm(at - c, axis=1) - radius, np.zeros(2))
+        widest = max(widest, 2.0 * moved)
+    return widest
+
+
 VALUES = {
     f"iso_{function.__name__}": function
     for function in (

@@ -23,6 +23,11 @@ from fringeworks.types import FloatMap, InputError
 from fringeworks.types.numbers import number
 from fringeworks.types.recipe import Association
 
+LEAST_EFFECT = 0.02
+"""Effect of a motion on the distances from a model, relative to the largest, from which on it
+counts. Normals of facets with 2° between neighbours are off by 0.01 rad, which makes as large an
+effect of motions that have none; a motion of less effect would move points by fifty deviations,
+farther than one linear step holds."""
 SAME_ANGLE = 1e-3
 """Difference of two stated angles up to which they are the same, rad: directions are written with
 three digits."""
@@ -120,6 +125,8 @@ def profile(part: Feature, *, located: bool) -> float:
     """Profile of a line or a surface: 17.6 to 17.9. Twice the largest distance from the model.
 
     Without datums, the points, or those of each line, may move in the way that makes it smallest.
+    Motions that a smooth model would not notice, such as a turn of a pipe about its axis, are none:
+    facets would make them one.
     """
     skin = part.skin
     distance = skin.distance + part.change
@@ -133,7 +140,7 @@ def profile(part: Feature, *, located: bool) -> float:
             free[:3, 0] = skin.across
             free[3:, 1:] = np.linalg.svd(skin.across[None])[2][1:].T
         slopes = twists(skin.foot[at], skin.normal[at], part.pivot, part.scale) @ free
-        widths.append(2.0 * zone_of(distance[at], slopes))
+        widths.append(2.0 * zone_of(distance[at], slopes, LEAST_EFFECT))
     return max(widths)
 
 

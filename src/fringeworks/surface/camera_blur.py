@@ -200,7 +200,10 @@ def doubt_blur(
     ok = cloud.reason == 0
     if not ok.any():
         return replace(cloud, blur_mm=np.full(cloud.shape, np.nan, np.float32))
-    of_axis = _Axes(("x", "y"), None, removed_px, None)
+    # The coordinate that depends on depth: the one along the baseline.
+    along_x, along_y = np.abs(rig.T_projector_camera[:2, 3])
+    axis: Axis = "x" if along_x >= along_y else "y"
+    of_axis = _Axes((axis,), None, removed_px, None)
     error = _errors(cloud, rig, CameraBlur.everywhere(UNKNOWN_PX), of_axis)
     size = np.copysign(np.hypot(error.along, error.beside), error.along)
     left = np.where(ok, size, np.nan)

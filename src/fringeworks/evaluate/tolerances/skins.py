@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -371,6 +372,10 @@ def _limiting(
         ranked = np.lexsort((along, strip))
         end = np.append(np.flatnonzero(np.diff(strip[ranked])), len(ranked) - 1)
         extremes += [ranked[np.append(0, end[:-1] + 1)], ranked[end]]
+    # A tilt to a datum makes corners the extremes, whatever the form.
+    if (np.ptp(place, axis=0) > 0).all() and len(place) > 3:
+        with suppress(scipy.spatial.QhullError):  # places on a line have ends alone
+            extremes.append(scipy.spatial.ConvexHull(place).vertices)
     # A point of each bin in the order of the pixels is near its middle.
     by_bin = np.argsort(bins, kind="stable")
     middle = by_bin[(first + last) // 2]

@@ -114,7 +114,7 @@ def test_a_recipe_keeps_what_it_states(tmp_path):
 
 def test_monte_carlo_agrees_where_quantities_are_linear():
     key = ("step_height", "top", "base")
-    (check,) = fw.evaluate.judge_part(points(5), recipe(key, board_scale=1e-4), draws=120)
+    (check,) = fw.evaluate.judge_part(points(5), recipe(key, board_scale=1e-4), draws=300)
     found = check.monte_carlo
     assert found.mean == pytest.approx(check.value, abs=0.4 * check.sigma)
     assert found.sigma == pytest.approx(check.sigma, rel=0.25)

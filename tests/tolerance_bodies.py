@@ -174,6 +174,8 @@ def case(quantity, rng, size=None):
     if quantity == "iso_angularity":
         part = plane(rng, s, normal=(1.0, 0.0, -np.sqrt(3.0)), tilt=tilt)
         return Case(zone(quantity, datums=("A",), angle_deg=30.0), {"part": part, "a": datum}, A)
+    if quantity in SYSTEMS:
+        return _to_a_system(quantity, rng, s)
     if quantity == "iso_position":
         planes = frame_planes(rng, small)
         part = ball(rng, small, rng.normal(0, 0.5 * s, 3) + np.array([0.0, 0.0, 510.0]))
@@ -214,6 +216,61 @@ def case(quantity, rng, size=None):
     raise KeyError(quantity)
 
 
+PIPE_MM = (540.0, 40.0)
+"""Distance of the axis of the model of profiles, which runs along x, and its radius."""
+
+
+def pipe_model():
+    """The 80° of a pipe that face the camera, as triangles of 0.25° (a sagitta of 0.1 µm)."""
+    far, radius = PIPE_MM
+    turn = np.radians(np.linspace(-40.0, 40.0, 321))
+    ends = np.array([-30.0, 30.0])
+    x, t = np.meshgrid(ends, turn, indexing="ij")
+    corners = np.stack((x, radius * np.sin(t), far - radius * np.cos(t)), axis=-1).reshape(-1, 3)
+    k, n = np.arange(320), 321
+    one, other = np.stack((k, k + 1, k + n), -1), np.stack((k + 1, k + n + 1, k + n), -1)
+    mesh = fw.TriangleMesh(corners, np.concatenate((one, other)).astype(np.uint32))
+    return fw.evaluate.PartModel(mesh, fw.evaluate.KnownPose(np.eye(4)), 2.0)
+
+
+def profile_case(quantity, rng, **options):
+    """A pipe with a wavy form that lies a little beside its model."""
+    far, radius = PIPE_MM
+    u, v = grid()
+    t = np.radians(30.0) * v
+    r = radius + random_size(rng) * wavy(rng, u, v)
+    points = np.stack((HALF_MM * u, r * np.sin(t), far - r * np.cos(t)), axis=-1)
+    moved = turned(points, rng, 5e-4) + 0.03 * rng.normal(size=3)
+    return Case(zone(quantity, **options), {"part": moved}, {}, pipe_model())
+
+
+def _to_a_system(name, rng, s):
+    """Orientation to two or three planes: across the other two, 30° off one, or an axis."""
+    planes = frame_planes(rng, 0.3 * s)
+    a, b, c = (outwards(planes[name]) for name in "abc")
+    quantity = name.removesuffix("_system")
+    if name == "iso_parallelism_system":
+        # An axis that is parallel to A and across B, so that B locks it.
+        part = cylinder(rng, 0.3 * s, (0.0, 60.0, 515.0), b, tilt=s / 40.0)
+        return Case(
+            zone(quantity, body="cylinder", datums=("A", "B")), {"part": part, **planes}, AB
+        )
+    normal, options = c, {}
+    if name == "iso_angularity_system":
+        normal, options = np.sqrt(0.75) * a + 0.5 * b, {"angle_deg": 30.0}
+    part = plane(rng, s, (0.0, 60.0, 500.0), normal, tilt=s / 40.0)
+    del planes["c"]
+    two = {name: AB[name] for name in "AB"}
+    return Case(zone(quantity, datums=("A", "B"), **options), {"part": part, **planes}, two)
+
+
+def outwards(points):
+    """Normal of least squares of a plane, towards the camera."""
+    xyz = points.reshape(-1, 3)
+    n = np.linalg.svd(xyz - xyz.mean(axis=0), full_matrices=False)[2][2]
+    return n if n[2] < 0 else -n
+
+
 def _in_frame(planes):
     """Exact place of the ball's middle in the frame of perfect planes."""
     normals = []
@@ -229,6 +286,8 @@ def _in_frame(planes):
     return (float(away[1]), float(away[2] * np.sign(y @ normals[2][0])), float(away[0]))
 
 
+SYSTEMS = ("iso_parallelism_system", "iso_perpendicularity_system", "iso_angularity_system")
+"""Orientations to more than one datum."""
 BODIES = (
     "iso_straightness",
     "iso_flatness",
@@ -243,5 +302,6 @@ BODIES = (
     "iso_symmetry",
     "iso_circular_run_out",
     "iso_total_run_out",
+    *SYSTEMS,
 )
 """Characteristics that the bodies here show; profiles need a model."""

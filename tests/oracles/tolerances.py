@@ -8,7 +8,10 @@ import scipy
 
 def value(case):
     """The value of a case of ``tests.tolerance_bodies``, of its points without noise."""
-    return VALUES[case.tolerance.quantity](case.points, case.tolerance.zone)
+    quantity, zone = case.tolerance.quantity, case.tolerance.zone
+    if len(zone.datums) == 2:
+        quantity += "_system"
+    return VALUES[quantity](case.points, zone)
 
 
 def smallest_zone(distances, start):
@@ -181,10 +184,11 @@ def centre(points):
     ).x[:3]
 
 
-def position(points, zone):
-    a, b, c = (points[name].reshape(-1, 3) for name in ("a", "b", "c"))
-    z = flat(points["a"])
-    start = flat(points["b"])
+def frame(points):
+    """Axes of the frame of two planes: the normal of the first one, and that of the narrowest zone
+    of the second one across it."""
+    b = points["b"].reshape(-1, 3)
+    z, start = flat(points["a"]), flat(points["b"])
     u = start - (start @ z) * z
     u /= np.linalg.norm(u)
     v = np.cross(z, u)
@@ -192,12 +196,54 @@ def position(points, zone):
     def way(turn):
         return np.cos(turn) * u + np.sin(turn) * v
 
-    x = way(
-        scipy.optimize.minimize_scalar(
-            lambda t: np.ptp(b @ way(t)), bounds=(-0.1, 0.1), method="bounded",
-            options={"xatol": 1e-11},
-        ).x
+    solved = scipy.optimize.minimize_scalar(
+        lambda t: np.ptp(b @ way(t)), bounds=(-0.1, 0.1), method="bounded",
+        options={"xatol": 1e-11},
     )  # fmt: skip
+    x = way(solved.x)
+    return x, np.cross(z, x), z
+
+
+def perpendicularity_system(points, _zone):
+    return np.ptp(points["part"].reshape(-1, 3) @ frame(points)[1])
+
+
+def angularity_system(points, zone):
+    x, _, z = frame(points)
+    turn = np.radians(zone.angle_deg)
+    return np.ptp(points["part"].reshape(-1, 3) @ (np.cos(turn) * z + np.sin(turn) * x))
+
+
+def centres(points):
+    """Centres of the circles of least squares of the sections of a cylinder, (k, 3)."""
+    own, way = least_squares_axis(points)
+    x, y = np.linalg.svd(way[None])[2][1:]
+    found = []
+    for k in range(points.shape[1]):
+        section = points[:, k]
+        at = circle(section, own, way)
+        c = scipy.optimize.least_squares(
+            lambda q, at=at: np.linalg.norm(at - q[:2], axis=1) - q[2], [0, 0, 15.0], xtol=1e-14
+        ).x
+        found.append(own + ((section - own) @ way).mean() * way + c[0] * x + c[1] * y)
+    return np.array(found)
+
+
+def parallelism_system(points, _zone):
+    """The axis keeps the direction of x: the smallest circle around its places across it."""
+    _, y, z = frame(points)
+    places = centres(points["part"]) @ np.column_stack((y, z))
+    middle = places.mean(axis=0)
+    solved = scipy.optimize.minimize(
+        lambda c: np.linalg.norm(places - middle - c, axis=1).max(), np.zeros(2),
+        method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-11, "maxiter": 4000},
+    )  # fmt: skip
+    return 2.0 * solved.fun
+
+
+def position(points, zone):
+    a, b, c = (points[name].reshape(-1, 3) for name in ("a", "b", "c"))
+    x, _, z = frame(points)
     y = np.cross(z, x)
     side = np.sign(y @ flat(points["c"]))
     # Datum planes touch the material from outside, on the side of the camera.
@@ -212,16 +258,8 @@ def concentricity(points, _zone):
 
 def coaxiality(points, _zone):
     middle, axis = least_squares_axis(points["a"])
-    own, way = least_squares_axis(points["part"])
-    x, y = np.linalg.svd(way[None])[2][1:]
     widest = 0.0
-    for k in range(points["part"].shape[1]):
-        section = points["part"][:, k]
-        at = circle(section, own, way)
-        c = scipy.optimize.least_squares(
-            lambda q, at=at: np.linalg.norm(at - q[:2], axis=1) - q[2], [0, 0, 15.0], xtol=1e-14
-        ).x
-        place = own + ((section - own) @ way).mean() * way + c[0] * x + c[1] * y - middle
+    for place in centres(points["part"]) - middle:
         widest = max(widest, np.linalg.norm(place - (place @ axis) * axis))
     return 2.0 * widest
 
@@ -259,10 +297,57 @@ def total_run_out(points, _zone):
     return np.ptp(run_outs(points))
 
 
+def off_pipe(xyz, far, radius, motion):
+    """Distances of points from a pipe along x, after a motion of the points about their mean."""
+    middle = xyz.mean(axis=0)
+    turn = scipy.spatial.transform.Rotation.from_rotvec(motion[:3] / 20.0)
+    at = turn.apply(xyz - middle) + middle + motion[3:]
+    return np.hypot(at[:, 1], at[:, 2] - far) - radius
+
+
+def least_largest(away, start):
+    """The smallest largest size of away(motion), by sequential quadratics."""
+    solved = scipy.optimize.minimize(
+        lambda x: x[0],
+        np.concatenate(([np.abs(away(start)).max()], start)),
+        jac=lambda x: np.concatenate(([1.0], np.zeros(len(x) - 1))),
+        constraints={
+            "type": "ineq",
+            "fun": lambda x: np.concatenate((x[0] - away(x[1:]), x[0] + away(x[1:]))),
+        },
+        method="SLSQP",
+        options={"maxiter": 300, "ftol": 1e-11},
+    )
+    return solved.x[0]
+
+
+def surface_profile(points, pipe, *, located):
+    """Profile of a surface whose model is a pipe: without datums, the points may move."""
+    xyz = points["part"].reshape(-1, 3)
+    if located:
+        return 2.0 * np.abs(off_pipe(xyz, *pipe, np.zeros(6))).max()
+    # A pipe does not tell turns about its axis from shifts across it, nor shifts along it.
+    return 2.0 * least_largest(
+        lambda m: off_pipe(xyz, *pipe, np.array([0.0, m[0], m[1], 0.0, m[2], m[3]])), np.zeros(4)
+    )
+
+
+def line_profile(points, pipe):
+    """Profile of the sections across a pipe, each of which may move in its plane."""
+    far, radius = pipe
+    widest = 0.0
+    for k in range(points["part"].shape[1]):
+        at = points["part"][:, k, 1:] - np.array([0.0, far])
+        moved = least_largest(lambda c, at=at: np.linalg.norm(at - c, axis=1) - radius, np.zeros(2))
+        widest = max(widest, 2.0 * moved)
+    return widest
+
+
 VALUES = {
     f"iso_{function.__name__}": function
     for function in (
         straightness, flatness, roundness, cylindricity, parallelism, perpendicularity, angularity, position,
-        concentricity, coaxiality, symmetry, circular_run_out, total_run_out,
+        concentricity, coaxiality, symmetry, circular_run_out, total_run_out, parallelism_system,
+        perpendicularity_system, angularity_system,
     )
 }  # fmt: skip

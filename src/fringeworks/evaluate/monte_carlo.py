@@ -154,7 +154,7 @@ def draw_zone(
                 [errors.of(f"part {n}", one) for n, one in enumerate(skin.sources)], float
             )
             own = errors.normal(f"own {number}", skin.own.shape[1])
-            changes.append(skin.noise(random) + skin.parts @ common + skin.own @ own)
+            changes.append(skin.noise(random).likely[0] + skin.parts @ common + skin.own @ own)
         found[k] = value(changes)
     return found
 

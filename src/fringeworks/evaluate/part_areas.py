@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from threading import Lock
 from typing import TypeVar
 
 import numpy as np
 
 from fringeworks.evaluate.area_points import AreaPoints, area_points
+from fringeworks.evaluate.blur_doubt import with_blur_doubt
 from fringeworks.evaluate.budget import Budget, budget_of, scales_of
 from fringeworks.evaluate.deviation import Deviation, deviation
 from fringeworks.evaluate.monte_carlo import MonteCarlo, draw_quantity, draw_zone, monte_carlo_of
@@ -17,6 +19,7 @@ from fringeworks.evaluate.quantities import MEASURED, area_deviation
 from fringeworks.evaluate.tolerances.measure import prepared
 from fringeworks.evaluate.tolerances.uncertain import quantified
 from fringeworks.types import (
+    BoolMap,
     FloatMap,
     HeightMap,
     InputError,
@@ -34,7 +37,7 @@ class PartAreas:
     """The areas of a recipe on a surface; each is measured when it is needed first."""
 
     def __init__(self, surface: HeightMap | PointCloud, recipe: Recipe, rig: Rig | None) -> None:
-        self.surface = surface
+        self.surface = with_blur_doubt(surface, rig, _wanted(surface, recipe))
         self.recipe = recipe
         # The errors of a rig show in points alone.
         self.rig = rig if isinstance(surface, PointCloud) else None
@@ -100,6 +103,18 @@ class PartAreas:
             return draw_quantity(one.quantity, areas, count, random, freed=found.noise > 0)
 
         return monte_carlo_of(draw, found, budget, draws=draws, seed=seed, recentred=zone)
+
+
+def _wanted(surface: HeightMap | PointCloud, recipe: Recipe) -> BoolMap | None:
+    """The pixels of all areas; None where all of the surface is brought to a model."""
+    if recipe.model is not None:
+        return None
+    wanted: BoolMap = np.zeros(surface.shape, bool)
+    for area in recipe.areas.values():
+        # An area that is not in the frame is named when it is measured.
+        with suppress(InputError):
+            wanted |= area.pixels(surface.shape)
+    return wanted
 
 
 def kept(compute: Callable[[str], Known]) -> Callable[[str], Known]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Literal, NamedTuple
 
@@ -35,7 +36,8 @@ Shares = tuple[Share, ...]
 
 def total(shares: Iterable[Share]) -> float:
     """Return the standard deviation of all parts together."""
-    return float(np.sqrt(sum(one.sigma**2 for one in shares)))
+    # Summed exactly, so that the order of the parts does not matter.
+    return math.sqrt(math.fsum(one.sigma**2 for one in shares))
 
 
 def scaled(shares: Iterable[Share], factor: float) -> Shares:

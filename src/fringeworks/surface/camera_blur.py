@@ -63,6 +63,10 @@ STEEPEST = 2.0
 SLOPES = 17
 """Number of such changes from 0 on; between them, the noise is interpolated: to 3 %, and up to
 30 % too large where it doubles."""
+UNKNOWN_PX = 0.716
+"""Blur that stands for an unknown one, px: the root mean square of its variance, that of a pixel,
+1/12 px², and of a blur that is uniform from 0 to 1 px. Lenses in focus on machine vision sensors
+have 0.3 to 0.9 px; blur beyond 1 px is seen by eye."""
 STEP = 1e-3
 """Step for the derivative of the projector's coordinate by the distance, relative: small against
 the perspective, large against rounding."""
@@ -139,12 +143,103 @@ def remove_blur(
     0.01
     """
     blur = _blur_of(cloud, blur, rig)
-    axes: tuple[Axis, ...] = ("x", "y") if axis is None else (axis,)
-    # Fringes fade on slopes across them, so that each axis has a modulation of its own.
-    lights = [_light(cloud, _of_axis(modulation, a)) for a in axes]
     ok = cloud.reason == 0
     if not ok.any():
         return replace(cloud, blur_mm=np.full(cloud.shape, np.nan, np.float32))
+    of_axis = _Axes(("x", "y") if axis is None else (axis,), period_px, removed_px, modulation)
+    error = _errors(cloud, rig, blur, of_axis)
+    along = error.along
+    left = np.where(ok, _left(error.changed, blur.relative_sigma * along, error.beside), np.nan)
+    length = np.linalg.norm(cloud.xyz_mm.astype(np.float64), axis=-1)
+    moved = cloud.xyz_mm * (1.0 - along / length)[..., None]
+    noise = error.gain * cloud.noise_mm
+    grown = cloud.sigma_mm**2 + noise**2 - cloud.noise_mm**2
+    return replace(
+        cloud,
+        xyz_mm=moved.astype(np.float32),
+        sigma_mm=np.sqrt(grown + left**2).astype(np.float32),
+        noise_mm=noise.astype(np.float32),
+        blur_mm=left.astype(np.float32),
+    )
+
+
+def doubt_blur(
+    cloud: PointCloud, rig: Rig, *, removed_px: float | Mapping[Axis, float] = 0.0
+) -> PointCloud:
+    """Let σ hold what the blur of a camera does of which nothing is known.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        With brightness.
+    rig : Rig
+        The one that the points were measured with.
+    removed_px : float ≥ 0
+        As for ``remove_blur``.
+
+    Returns
+    -------
+    PointCloud, whose points stay where they are. ``blur_mm`` is what a blur of 0.72 px has moved
+    them by, and beside the end of a surface what it may have done to the last pixels.
+
+    Raises
+    ------
+    InputError for a cloud without brightness.
+
+    Examples
+    --------
+    >>> from fringeworks.simulate import standard_rig
+    >>> x, y = np.meshgrid(np.arange(-6.0, 7.0), np.arange(-6.0, 7.0))
+    >>> xyz = np.stack((x, y, 475.0 + (x**2 + y**2) / 50.0), axis=-1)
+    >>> flat = np.zeros(x.shape)
+    >>> ball = PointCloud(xyz, flat, flat, flat.astype(np.uint8), colour=flat + 100.0)
+    >>> round(float(doubt_blur(ball, standard_rig()).blur_mm[6, 6]), 3)
+    0.022
+    """
+    need_camera_frame(cloud, "the doubt of blur")
+    ok = cloud.reason == 0
+    if not ok.any():
+        return replace(cloud, blur_mm=np.full(cloud.shape, np.nan, np.float32))
+    # The coordinate that depends on depth: the one along the baseline.
+    along_x, along_y = np.abs(rig.T_projector_camera[:2, 3])
+    axis: Axis = "x" if along_x >= along_y else "y"
+    of_axis = _Axes((axis,), None, removed_px, None)
+    error = _errors(cloud, rig, CameraBlur.everywhere(UNKNOWN_PX), of_axis)
+    size = np.copysign(np.hypot(error.along, error.beside), error.along)
+    left = np.where(ok, size, np.nan)
+    return replace(
+        cloud,
+        sigma_mm=np.hypot(cloud.sigma_mm, left).astype(np.float32),
+        blur_mm=left.astype(np.float32),
+    )
+
+
+class _Axes(NamedTuple):
+    """What is known of the fringes of each axis; see ``remove_blur``."""
+
+    axes: tuple[Axis, ...]
+    period_px: Periods | Mapping[Axis, Periods] | None
+    removed_px: float | Mapping[Axis, float]
+    modulation: FloatMap | Mapping[Axis, FloatMap] | None
+
+
+class _Errors(NamedTuple):
+    """What blur does to points, each (h, w)."""
+
+    along: FloatMap
+    """Error along the ray, mm."""
+    changed: FloatMap
+    """What the passes after the second changed of it, mm."""
+    beside: FloatMap
+    """Size of the errors around pixels beside an edge, mm."""
+    gain: FloatMap
+    """Factor of the noise."""
+
+
+def _errors(cloud: PointCloud, rig: Rig, blur: CameraBlur, known: _Axes) -> _Errors:
+    axes, ok = known.axes, cloud.reason == 0
+    # Fringes fade on slopes across them, so that each axis has a modulation of its own.
+    lights = [_light(cloud, _of_axis(known.modulation, a)) for a in axes]
     xyz = cloud.xyz_mm.astype(np.float64)
     # Beyond a surface goes on what is nearest.
     nearest = scipy.ndimage.distance_transform_edt(~ok, return_distances=False, return_indices=True)
@@ -158,26 +253,16 @@ def remove_blur(
     smooth = _Smoothing(cloud, ok, inside, nearest)
     columns, shifts = ["xy".index(a) for a in axes], []
     for a, k, light in zip(axes, columns, lights, strict=True):
-        fringes = _fringes(_of_axis(period_px, a))
+        fringes = _fringes(_of_axis(known.period_px, a))
         given = pixel[..., k]
-        removed = _at_edges(given, ok, light, fringes, _of_axis(removed_px, a) or 0.0)
+        removed = _at_edges(given, ok, light, fringes, _of_axis(known.removed_px, a) or 0.0)
         shifts.append(_shift(given, given + removed, light, variance, fringes, smooth))
     shift, doubt, gain = np.stack(shifts, axis=-1)
     by = rate[..., columns]
     along, changed = (np.sum(s * by, axis=-1) / np.sum(by * by, axis=-1) for s in (shift, doubt))
     beside = _spread(np.abs(along) * ~inside, variance)
-    left = np.where(ok, _left(changed, blur.relative_sigma * along, beside), np.nan)
-    moved = cloud.xyz_mm * (1.0 - along / length)[..., None]
     gains = np.sqrt(np.sum((by * gain) ** 2, axis=-1) / np.sum(by * by, axis=-1))
-    noise = gains * cloud.noise_mm
-    grown = cloud.sigma_mm**2 + noise**2 - cloud.noise_mm**2
-    return replace(
-        cloud,
-        xyz_mm=moved.astype(np.float32),
-        sigma_mm=np.sqrt(grown + left**2).astype(np.float32),
-        noise_mm=noise.astype(np.float32),
-        blur_mm=left.astype(np.float32),
-    )
+    return _Errors(along, changed, beside, gains)
 
 
 def _of_axis(value: Any, axis: Axis) -> Any:

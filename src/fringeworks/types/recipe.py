@@ -89,8 +89,6 @@ CHARACTERISTICS: Mapping[str, int] = MappingProxyType(
     }
 )
 """Characteristics of ISO 1101, and the smallest number of datums that each one needs."""
-ORIENTATIONS = ("iso_parallelism", "iso_perpendicularity", "iso_angularity")
-"""Characteristics of orientation."""
 BODIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "iso_straightness": ("plane", "cylinder"),
@@ -277,11 +275,6 @@ class PartTolerance(Frozen):
         if (self.quantity == "iso_angularity") != (self.zone.angle_deg is not None):
             raise InputError(
                 f"tolerance {self.name}: expected an angle for an angularity, and only there"
-            )
-        if self.quantity in ORIENTATIONS and len(datums) > 1:
-            raise InputError(
-                f"tolerance {self.name}: expected one datum for {self.quantity}, got "
-                f"{len(datums)}: an orientation to several is not measured"
             )
         needs = BODIES.get(self.quantity)
         if needs and self.zone.body not in needs:

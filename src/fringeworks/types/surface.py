@@ -111,8 +111,9 @@ class PointCloud(Noted, Sectioned, Labelled, Frozen):
     findings: tuple[Finding, ...] = ()
     """What was found in the frames and in the points, and what to do about it."""
     blur_mm: FloatMap | None = None
-    """The part of σ that the camera's blur leaves after ``remove_blur``, with its sign, (h, w), mm:
-    one error that all points have in common, times this. None where blur was not removed."""
+    """The part of σ that the camera's blur leaves after ``remove_blur``, or that an unknown blur
+    has, with its sign, (h, w), mm: one error that all points have in common, times this. None where
+    blur was not removed and σ does not hold it."""
     placement: Placement | None = None
     """The coordinates that the points are in; None for camera coordinates. ``sigma_mm`` then also
     holds the error of the transform, in its worst direction; all points have it in common."""

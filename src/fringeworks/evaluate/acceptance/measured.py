@@ -11,6 +11,7 @@ import numpy as np
 
 from fringeworks.evaluate.acceptance.positions import ArtefactPlace
 from fringeworks.evaluate.area_points import area_points
+from fringeworks.evaluate.blur_doubt import with_blur_doubt
 from fringeworks.evaluate.quantities import MEASURED
 from fringeworks.files.points import cloud_points, read_cloud, read_points
 from fringeworks.files.provenance import source_of
@@ -95,6 +96,7 @@ def _surface(
     if isinstance(scan, PointCloud | Points):
         origin = scan.provenance if isinstance(scan, PointCloud) else None
         known = () if origin is None else origin.inputs
+        scan = with_blur_doubt(scan, rig)
         return scan, known or (Source("points", fingerprint(scan.xyz_mm)),)
     if Path(scan).is_file():
         read = read_cloud if Path(scan).suffix.lower() == ".npz" else read_points
@@ -105,7 +107,7 @@ def _surface(
     if rig is None:
         raise InputError("expected a test with a rig for a capture, got none")
     cloud = measure(found, rig, **test.options).points
-    return cloud, () if cloud.provenance is None else cloud.provenance.inputs
+    return with_blur_doubt(cloud, rig), () if cloud.provenance is None else cloud.provenance.inputs
 
 
 def _xyz(surface: PointCloud | Points) -> FloatMap:
@@ -124,6 +126,13 @@ def _areas(surface: PointCloud | Points, forms: list[Form]) -> list[Area]:
         mask[rows[form.region], columns[form.region]] = True
         areas.append(Area(mask=mask))
     return areas
+
+
+def _weighted(cloud: PointCloud, area: Area, rig: Rig | None) -> Form:
+    """The sphere of an area as recipes fit it: blur moves the last pixels before a rim by far more
+    than noise moves the others, so that they count by their σ."""
+    part = area_points(cloud, area, rig)
+    return fit_region(part.points, "sphere", sigma_mm=1.0 / part.weights)
 
 
 def _sigma(
@@ -157,8 +166,11 @@ def _of_bar(
                 f"ball bar: expected balls of {number(wanted[0])} and {number(wanted[1])} mm, got "
                 f"spheres of {number(found[0])} and {number(found[1])} mm"
             )
-    centres = np.array([form.parameters["centre_mm"] for form in forms])
     areas = _areas(surface, forms)
+    if isinstance(surface, PointCloud):
+        forms = [_weighted(surface, area, rig) for area in areas]
+        found = [2.0 * float(np.asarray(form.parameters["radius_mm"])) for form in forms]
+    centres = np.array([form.parameters["centre_mm"] for form in forms])
     region = np.concatenate([form.far[form.region] for form in forms])
     spread = tuple(form.spread_mm(1.0 - DISCARDED) for form in forms)
     apart = float(np.linalg.norm(centres[0] - centres[1]))

@@ -79,14 +79,18 @@ def associate(
 
 
 def _step(
-    values: FloatMap, slopes: FloatMap, by: Association, weights: FloatMap | None
+    values: FloatMap,
+    slopes: FloatMap,
+    by: Association,
+    weights: FloatMap | None,
+    least: float = DETERMINED,
 ) -> tuple[FloatMap, float]:
     """The step of the free motions, and the largest change of a distance."""
     if not slopes.shape[1]:
         return np.zeros(0), 0.0
     w = np.ones(len(values)) if weights is None else weights
     squares, turn = np.linalg.eigh(slopes.T @ (slopes * w[:, None]) / w.sum())
-    kept = squares > DETERMINED**2 * squares[-1]
+    kept = squares > least**2 * squares[-1]
     basis = turn[:, kept] / np.sqrt(squares[kept])
     unit = slopes @ basis
     if by == "least-squares":
@@ -117,7 +121,10 @@ def _need_half_a_turn(body: Body, points: FloatMap) -> None:
         )
 
 
-def zone_of(values: FloatMap, slopes: FloatMap) -> float:
-    """Return the smallest largest size of values + slopes · x, in one linear step."""
-    x, _ = _step(values, slopes, "minimum-zone", None)
+def zone_of(values: FloatMap, slopes: FloatMap, least: float = DETERMINED) -> float:
+    """Return the smallest largest size of values + slopes · x, in one linear step.
+
+    Directions of x with less effect than ``least``, relative to the largest one, have none.
+    """
+    x, _ = _step(values, slopes, "minimum-zone", None, least)
     return float(np.abs(values + slopes @ x).max())

@@ -51,16 +51,18 @@ class System:
         return found
 
     def free_turns(self, pivot: FloatMap, scale: float) -> FloatMap:
-        """Return the motions that leave the directions of all datums as they are, (6, f): what a
-        tolerance of orientation leaves free."""
-        located = np.column_stack((translations(), self.free(pivot, scale)))
-        parallel = everything()
-        for body in self.bodies:
-            if body.kind == "sphere":
-                continue
-            turn = np.concatenate((body.direction, np.zeros(3)))[:, None]
-            parallel = shared(parallel, np.column_stack((translations(), turn)))
-        return parallel if self.directed else located
+        """Return the motions that keep all datums parallel to where they are, (6, f): what a
+        tolerance of orientation leaves free. The columns need not be independent.
+
+        Two parallel axes lock the turn about them: so do a plane and two holes across it.
+        """
+        return np.column_stack((translations(), self.free(pivot, scale)))
+
+    @property
+    def locked(self) -> bool:
+        """Whether the datums leave no turn free."""
+        turns = self.free(self.bodies[0].point, 1.0)[:3]
+        return not turns.size or bool(np.linalg.norm(turns, 2) < SAME)
 
     @property
     def directed(self) -> bool:

@@ -48,7 +48,8 @@ def _oriented(usual_deg: float | None) -> Callable[[Judged], float]:
     def measured(one: Judged) -> float:
         angle = one.zone.angle_deg if usual_deg is None else usual_deg
         assert angle is not None
-        return orientation(one.part, one.datums, angle)
+        way = None if one.zone.direction is None else np.array(one.zone.direction, float)
+        return orientation(one.part, one.datums, angle, way)
 
     return measured
 

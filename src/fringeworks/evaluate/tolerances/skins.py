@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -16,6 +17,7 @@ from fringeworks.evaluate.shares import Share, Shares
 from fringeworks.evaluate.tolerances.association import associate
 from fringeworks.evaluate.tolerances.bodies import Body, Kind, everything, twists
 from fringeworks.evaluate.tolerances.smooth import Smooth, smooth
+from fringeworks.evaluate.tolerances.unsure import Changes, Unsure, drawn
 from fringeworks.rig.point_errors import root_of
 from fringeworks.statistics.quantiles import robust_sigma
 from fringeworks.surface.form import DISCARDED, FAR_SIGMAS, fit_form
@@ -60,8 +62,8 @@ class Skin:
     """Outwards at each, (m, 3); of planes towards the camera."""
     distance: FloatMap
     """Distance of the surface from the body at each, (m,), mm."""
-    root: FloatMap
-    """Independent parts of the noise of the distances, (m, p), mm; (m,) where they share none."""
+    unsure: tuple[Unsure, ...]
+    """What noise leaves unknown of the distances: their sum."""
     parts: FloatMap
     """Parts of the errors that all areas have in common, of the calibration and the blur, (m, k),
     mm."""
@@ -73,8 +75,6 @@ class Skin:
     """Number of pixels that a point stands for in a fit of least squares, (m,)."""
     line: FloatMap
     """Number of each point's line, (m,); all 0 without lines."""
-    unseen: float = 0.0
-    """Variance of form that may be missing, over that of the noise."""
     across: FloatMap | None = None
     """Normal of the planes that the lines lie in, (3,); None without lines."""
 
@@ -105,15 +105,14 @@ class Skin:
         """Return the points of the surface, its distances changed, (m, 3), mm."""
         return np.asarray(self.foot + (self.distance + change)[:, None] * self.normal)
 
-    def independent(self) -> FloatMap:
-        """Return the independent parts of the noise as columns, (m, p), mm."""
-        return np.diag(self.root) if self.root.ndim == 1 else self.root
+    @property
+    def resolved(self) -> bool:
+        """Whether a spline describes the surface; its points stand for themselves otherwise."""
+        return all(one.likely is not None for one in self.unsure)
 
-    def noise(self, random: np.random.Generator) -> FloatMap:
-        """Draw noise of the distances, (m,), mm."""
-        if self.root.ndim == 1:
-            return np.asarray(self.root * random.normal(size=len(self.root)))
-        return np.asarray(self.root @ random.normal(size=self.root.shape[1]))
+    def noise(self, random: np.random.Generator) -> Changes:
+        """Draw changes of the distances by noise."""
+        return drawn(self.unsure, random)
 
 
 @dataclass(frozen=True)
@@ -213,7 +212,7 @@ def median_skin(one: AreaPoints, other: AreaPoints) -> Skin:
         raise InputError("median: expected two areas that face each other, got ones side by side")
     shares = [0.5 * side.normal @ n for side in (first, second)]
     sides = list(zip((first, second), shares, strict=True))
-    root = np.column_stack([share[:, None] * side.independent() for side, share in sides])
+    unsure = [one.scaled(share).at(seen) for side, share in sides for one in side.unsure]
     parts = sum(share[:, None] * side.parts for side, share in sides)
     own = np.column_stack([share[:, None] * side.own for side, share in sides])
     foot = 0.5 * (first.foot + opposite)
@@ -222,13 +221,12 @@ def median_skin(one: AreaPoints, other: AreaPoints) -> Skin:
         foot[seen],
         np.broadcast_to(n, foot[seen].shape),
         sum(share * side.distance for side, share in sides)[seen],
-        root[seen],
+        tuple(unsure),
         np.asarray(parts)[seen],
         first.sources,
         own[seen],
         first.weight[seen],
         first.line[seen],
-        max(first.unseen, second.unseen),
     )
     return found
 
@@ -273,37 +271,38 @@ def _skin(
     span = np.maximum(np.ptp(places[inner], axis=0), np.finfo(float).tiny)
     unit = (places - low) / span
     sigma = _noise_along(part, normals)
-    fitted, kept = _fitted(unit, distance, sigma, inner, stated=bool(part.noise.all()))
+    moves = _moves(part.points, normals)
+    fitted, kept = _fitted(unit, distance, sigma, inner, moves, stated=bool(part.noise.all()))
     feet = part.points - distance[:, None] * normals
     at = unit if points is None else (chart.places(points) - low) / span
     number: FloatMap = np.zeros(len(at))
     value: FloatMap
     weight: FloatMap
-    root: FloatMap
+    unsure: Unsure
     if lines is not None or points is not None:
         if lines is not None:
             at, number = _on_lines(chart, lines, places[kept], low, span)
         pixel = kept[scipy.spatial.cKDTree(unit[kept]).query(at)[1]]
-        root = fitted.design(at) @ fitted.root
+        unsure = Unsure(fitted.design(at), fitted.likely)
         value, weight = fitted.at(at), np.ones(len(at))
     elif fitted.resolved:
         value = fitted.at(unit)
         pixel, weight = _limiting(unit, value, kept)
         at, value, number = unit[pixel], value[pixel], number[pixel]
-        root = fitted.design(at) @ fitted.root
+        unsure = Unsure(fitted.design(at), fitted.likely)
     else:
         pixel = kept[:: -(-len(kept) // MOST_POINTS)]
         at, value, number, weight = unit[pixel], distance[pixel], number[pixel], np.ones(len(pixel))
-        root = sigma[pixel]
+        unsure = Unsure(sigma[pixel])
     normal, foot = normals[pixel], feet[pixel]
     if lines is not None and chart.exact:
         foot = chart.feet(low + span * at)
         normal = chart.body.normals(foot)
-    across, unseen = None, fitted.unseen if root.ndim > 1 else 0.0
+    across = None
     if lines is not None:
         across = chart.first if lines.run == "across" else np.cross(chart.middle, chart.first)
     common = _parts(part, unit, normals, kept, at, pixel)
-    return Skin(chart.body, foot, normal, value, root, *common, weight, number, unseen, across)
+    return Skin(chart.body, foot, normal, value, (unsure,), *common, weight, number, across)
 
 
 def _noise_along(part: AreaPoints, normals: FloatMap) -> FloatMap:
@@ -312,14 +311,29 @@ def _noise_along(part: AreaPoints, normals: FloatMap) -> FloatMap:
     return np.asarray(np.abs(np.einsum("nc,nc->n", part.by_value, normals)) * sigma)
 
 
+def _moves(points: FloatMap, normals: FloatMap) -> FloatMap:
+    """What motions and the size of a body do to distances of points, (n, 7), mm per mm."""
+    pivot = points.mean(axis=0)
+    scale = float(np.ptp(points, axis=0).max()) or 1.0
+    return np.column_stack((twists(points, normals, pivot, scale), np.ones(len(points))))
+
+
 def _fitted(
-    unit: FloatMap, distance: FloatMap, sigma: FloatMap, inner: NDArray[np.intp], *, stated: bool
+    unit: FloatMap,
+    distance: FloatMap,
+    sigma: FloatMap,
+    inner: NDArray[np.intp],
+    moves: FloatMap,
+    *,
+    stated: bool,
 ) -> tuple[Smooth, NDArray[np.intp]]:
     """The smooth surface, and the points that it goes through: all but outliers."""
     variance = sigma**2 if sigma[inner].all() else np.ones(len(sigma))
+    columns = np.column_stack((unit, distance, moves))
 
     def fit(kept: NDArray[np.intp]) -> Smooth:
-        return smooth(*_blocks(unit[kept], distance[kept], variance[kept]), stated=stated)
+        means, left = _blocks(columns[kept], variance[kept])
+        return smooth(means[:, :2], means[:, 2], left, stated=stated, moves=means[:, 3:])
 
     found = fit(inner)
     away = np.abs(distance[inner] - found.at(unit[inner])) / np.sqrt(variance[inner])
@@ -330,18 +344,17 @@ def _fitted(
     return found, inner
 
 
-def _blocks(
-    unit: FloatMap, distance: FloatMap, variance: FloatMap
-) -> tuple[FloatMap, FloatMap, FloatMap]:
-    """Weighted means of many points in blocks, and their variances."""
-    if len(unit) <= MOST_POINTS:
-        return unit, distance, variance
-    row, column = np.minimum((unit * BLOCKS).astype(int), BLOCKS - 1).T
+def _blocks(columns: FloatMap, variance: FloatMap) -> tuple[FloatMap, FloatMap]:
+    """Weighted means of many points in blocks of the unit square, whose places are the first two
+    columns, and the variances of the means."""
+    if len(columns) <= MOST_POINTS:
+        return columns, variance
+    row, column = np.minimum((columns[:, :2] * BLOCKS).astype(int), BLOCKS - 1).T
     block = np.unique(row * BLOCKS + column, return_inverse=True)[1].ravel()
     weight = 1.0 / variance
     total = np.bincount(block, weight)
-    means = [np.bincount(block, weight * v) / total for v in (unit[:, 0], unit[:, 1], distance)]
-    return np.stack(means[:2], axis=-1), means[2], 1.0 / total
+    means = [np.bincount(block, weight * one) / total for one in columns.T]
+    return np.stack(means, axis=-1), 1.0 / total
 
 
 def _limiting(
@@ -359,6 +372,10 @@ def _limiting(
         ranked = np.lexsort((along, strip))
         end = np.append(np.flatnonzero(np.diff(strip[ranked])), len(ranked) - 1)
         extremes += [ranked[np.append(0, end[:-1] + 1)], ranked[end]]
+    # A tilt to a datum makes corners the extremes, whatever the form.
+    if (np.ptp(place, axis=0) > 0).all() and len(place) > 3:
+        with suppress(scipy.spatial.QhullError):  # places on a line have ends alone
+            extremes.append(scipy.spatial.ConvexHull(place).vertices)
     # A point of each bin in the order of the pixels is near its middle.
     by_bin = np.argsort(bins, kind="stable")
     middle = by_bin[(first + last) // 2]

@@ -1,4 +1,4 @@
-"""Smooth surfaces through noisy distances: as fine as the noise supports, with their covariance."""
+"""Smooth surfaces through noisy distances: as fine as the noise supports, with their posterior."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from fringeworks.evaluate.tolerances.likely import Likely, likely
 from fringeworks.types import FloatMap
 
 LADDER = (1, 2, 3, 4, 6, 8, 11, 16, 22, 32)
@@ -18,23 +19,20 @@ SURE = 3.0
 STIFFNESS = 1e-3
 """Weight of second differences of the coefficients, relative to a coefficient's own data. It holds
 coefficients without data, and changes others by less than a thousandth."""
+FINE = 7
+"""Number of the spline in ``LADDER`` that holds the surfaces where the area has points enough: 16
+intervals, of which the likely lengths of form take what they need."""
 ORDER = 4
 """Cubic splines: four of them overlap in each interval."""
 
 
 @dataclass(frozen=True)
 class Smooth:
-    """A cubic spline over the unit square."""
+    """A cubic spline over the unit square, with its posterior."""
 
     intervals: int
-    coefficients: FloatMap
-    """(p,), mm."""
-    root: FloatMap
-    """Independent parts of their error, (p, p), mm: its product with its transpose is the
-    covariance."""
-    unseen: float
-    """Largest variance of form that the choice of the intervals cannot see, over that of the
-    noise of the values."""
+    likely: Likely
+    """Of the coefficients, mm."""
     resolved: bool
     """False where what is left by the finest spline is alike in neighbours: the surface has edges,
     or its noise is not independent."""
@@ -44,12 +42,19 @@ class Smooth:
         return np.asarray(_design(places, self.intervals).toarray())
 
     def at(self, places: FloatMap) -> FloatMap:
-        """Return the values at places (m, 2), (m,), mm."""
-        return np.asarray(_design(places, self.intervals) @ self.coefficients)
+        """Return the likely values at places (m, 2), (m,), mm."""
+        return np.asarray(_design(places, self.intervals) @ self.likely.mean)
 
 
-def smooth(places: FloatMap, values: FloatMap, variance: FloatMap, *, stated: bool) -> Smooth:
-    """Fit the coarsest spline that no finer one improves by more than noise explains.
+def smooth(
+    places: FloatMap,
+    values: FloatMap,
+    variance: FloatMap,
+    *,
+    stated: bool,
+    moves: FloatMap | None = None,
+) -> Smooth:
+    """Return the surfaces that are likely behind noisy values.
 
     Parameters
     ----------
@@ -60,52 +65,67 @@ def smooth(places: FloatMap, values: FloatMap, variance: FloatMap, *, stated: bo
         Of the values' independent noise, up to a factor that is estimated, mm².
     stated : bool
         Whether the factor is known to be 1 or more.
+    moves : (n, j) array, optional
+        What motions and the size of the body do to the values: nothing is known of them before.
 
     Notes
     -----
     Tensor products of uniform cubic B-splines (Eilers & Marx, Flexible smoothing with B-splines and
     penalties, 1996). The finest spline tells the noise, so that a wrong stated noise does not turn
-    noise into form. A coarser one is taken if each finer one lowers χ² by no more than its further
-    coefficients do on average, plus three standard deviations. Its next finer one is used: what
-    the choice cannot see is then small beside the noise that is left.
+    noise into form. A coarser one is enough if no finer one lowers χ² by more than its further
+    coefficients do on average, plus three standard deviations. One that is at least one step finer
+    than that holds the surfaces, see ``likely``.
     """
     most = len(values) / VALUES_PER_COEFFICIENT
     rungs = [k for k in LADDER if k == 1 or (k + ORDER - 1) ** 2 <= most]
-    fits = [_fit(places, values, 1.0 / variance, k) for k in rungs]
-    freedom = len(values) - (rungs[-1] + ORDER - 1) ** 2
-    level = float(fits[-1][1] @ fits[-1][1]) / max(freedom, 1)
-    squares = [float(fit[1] @ fit[1]) for fit in fits]
     sizes = [(k + ORDER - 1) ** 2 for k in rungs]
+    left = [_left(places, values, 1.0 / variance, k) for k in rungs]
+    squares = [float(one @ one) for one in left]
+    level = squares[-1] / max(len(values) - sizes[-1], 1)
 
-    def improves(one: int, other: int) -> bool:
-        more = sizes[other] - sizes[one]
-        return bool(squares[one] - squares[other] > level * (more + SURE * np.sqrt(2.0 * more)))
+    def improved(one: int) -> bool:
+        more = np.subtract(sizes[one + 1 :], sizes[one])
+        gain = squares[one] - np.array(squares[one + 1 :])
+        return bool(np.any(gain > level * (more + SURE * np.sqrt(2.0 * more))))
 
-    finer = range(len(rungs))
-    chosen = next(i for i in finer if not any(improves(i, j) for j in finer[i + 1 :]))
-    used = min(chosen + 1, len(rungs) - 1)
-    coefficients, left, normal = fits[used]
-    unseen = SURE * np.sqrt(2.0 * (sizes[-1] - sizes[used])) / sizes[used]
-    noise = np.sqrt(max(level, 1.0) if stated else level)
-    lower = np.linalg.cholesky(normal)
-    root = noise * scipy.linalg.solve_triangular(lower, np.eye(len(normal)), lower=True).T
-    return Smooth(rungs[used], coefficients, root, float(unseen), resolved=_independent(left))
+    last = len(rungs) - 1
+    enough = next(i for i in range(len(rungs)) if not improved(i))
+    used = max(min(enough + 1, last), min(FINE, last))
+    level = max(level, 1.0) if stated else level
+    design, normal, right = _equations(places, values, 1.0 / variance, rungs[used])
+    rigid = np.zeros((len(right), 0))
+    if moves is not None:
+        sums = np.asarray(design.T @ (moves / variance[:, None]))
+        rigid = np.linalg.solve(normal + _stiff(normal, rungs[used]), sums)
+    found = likely(normal / level, right / level, rungs[used] + ORDER - 1, rigid)
+    return Smooth(rungs[used], found, resolved=_independent(left[min(enough + 1, last)]))
 
 
-def _fit(
+def _equations(
     places: FloatMap, values: FloatMap, weights: FloatMap, intervals: int
-) -> tuple[FloatMap, FloatMap, FloatMap]:
-    """Coefficients, residuals over their noise, and the matrix of the equations."""
+) -> tuple[scipy.sparse.csr_matrix, FloatMap, FloatMap]:
+    """The tensor products at places, and both sides of the equations of least squares."""
     design = _design(places, intervals)
     normal = (design.T @ design.multiply(weights[:, None])).toarray()
+    return design, normal, np.asarray(design.T @ (weights * values))
+
+
+def _stiff(normal: FloatMap, intervals: int) -> FloatMap:
+    """What holds coefficients without data, beside the equations."""
     side = intervals + ORDER - 1
     bend = np.diff(np.eye(side), 2, axis=0)
     bend = bend.T @ bend
-    stiff = STIFFNESS * np.trace(normal) / len(normal)
-    normal += stiff * (np.kron(bend, np.eye(side)) + np.kron(np.eye(side), bend))
-    normal[np.diag_indices_from(normal)] *= 1.0 + np.finfo(float).eps * len(normal)
-    coefficients = np.linalg.solve(normal, design.T @ (weights * values))
-    return coefficients, np.sqrt(weights) * (values - design @ coefficients), normal
+    found = np.kron(bend, np.eye(side)) + np.kron(np.eye(side), bend)
+    found *= STIFFNESS * np.trace(normal) / len(normal)
+    found[np.diag_indices_from(found)] += np.finfo(float).eps * len(normal) * np.diag(normal)
+    return np.asarray(found)
+
+
+def _left(places: FloatMap, values: FloatMap, weights: FloatMap, intervals: int) -> FloatMap:
+    """What the spline of least squares leaves of the values, over their noise."""
+    design, normal, right = _equations(places, values, weights, intervals)
+    normal += _stiff(normal, intervals)
+    return np.asarray(np.sqrt(weights) * (values - design @ np.linalg.solve(normal, right)))
 
 
 def _independent(left: FloatMap) -> bool:

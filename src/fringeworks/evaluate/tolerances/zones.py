@@ -17,10 +17,20 @@ from fringeworks.evaluate.tolerances.bodies import (
     translations,
     twists,
 )
-from fringeworks.evaluate.tolerances.datums import System
+from fringeworks.evaluate.tolerances.datums import NEAR_DEG, System
 from fringeworks.evaluate.tolerances.skins import Skin
 from fringeworks.types import FloatMap, InputError
+from fringeworks.types.numbers import number
 from fringeworks.types.recipe import Association
+
+LEAST_EFFECT = 0.02
+"""Effect of a motion on the distances from a model, relative to the largest, from which on it
+counts. Normals of facets with 2° between neighbours are off by 0.01 rad, which makes as large an
+effect of motions that have none; a motion of less effect would move points by fifty deviations,
+farther than one linear step holds."""
+SAME_ANGLE = 1e-3
+"""Difference of two stated angles up to which they are the same, rad: directions are written with
+three digits."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +125,8 @@ def profile(part: Feature, *, located: bool) -> float:
     """Profile of a line or a surface: 17.6 to 17.9. Twice the largest distance from the model.
 
     Without datums, the points, or those of each line, may move in the way that makes it smallest.
+    Motions that a smooth model would not notice, such as a turn of a pipe about its axis, are none:
+    facets would make them one.
     """
     skin = part.skin
     distance = skin.distance + part.change
@@ -128,23 +140,63 @@ def profile(part: Feature, *, located: bool) -> float:
             free[:3, 0] = skin.across
             free[3:, 1:] = np.linalg.svd(skin.across[None])[2][1:].T
         slopes = twists(skin.foot[at], skin.normal[at], part.pivot, part.scale) @ free
-        widths.append(2.0 * zone_of(distance[at], slopes))
+        widths.append(2.0 * zone_of(distance[at], slopes, LEAST_EFFECT))
     return max(widths)
 
 
-def orientation(part: Feature, datums: System, angle_deg: float) -> float:
+def orientation(
+    part: Feature, datums: System, angle_deg: float, direction: FloatMap | None = None
+) -> float:
     """Parallelism, angularity, perpendicularity: 17.10 to 17.12.
 
     The zone keeps the angle between the feature's and the first datum's plane or axis, and is free
-    in place: the range of distances of a plane, the diameter of the zone of an axis.
+    in place: the range of distances of a plane, the diameter of the zone of an axis. Further datums
+    may lock the turn about the first one (ISO 5459:2011). The zone then has one direction: the
+    given one, in the frame of the datums, or the one at right angles to the others that is near.
+
+    Raises
+    ------
+    InputError for spheres, and a direction that does not suit the angle or cannot be told.
     """
     body, first = part.body, datums.bodies[0]
     if first.kind == "sphere" or body.kind == "sphere":
         raise InputError("orientation: expected planes and cylinders, got a sphere")
     alike = (body.kind == "plane") == (first.kind == "plane")
-    turn = np.radians(angle_deg if alike else 90.0 - angle_deg)
-    exact = replace(body, direction=_at_angle(body.direction, first.direction, float(turn)))
+    turn = float(np.radians(angle_deg if alike else 90.0 - angle_deg))
+    if datums.locked:
+        way = _locked(body.direction, datums.axes(), turn, direction)
+    else:
+        way = _at_angle(body.direction, first.direction, turn)
+    exact = replace(body, direction=way)
     return _width(part, exact, datums.free_turns(part.pivot, part.scale), sized=True)
+
+
+def _locked(near: FloatMap, axes: FloatMap, turn: float, direction: FloatMap | None) -> FloatMap:
+    """The direction at an angle to the frame's z, as it is given or at right angles to x or y."""
+    z = axes[:, 2]
+    if direction is None:
+        sides = [sign * axes[:, k] for k in range(2) for sign in (1.0, -1.0)]
+    else:
+        given = axes @ (direction / np.linalg.norm(direction))
+        given = given if given @ z > 0 else -given
+        off = abs(float(np.arccos(min(float(given @ z), 1.0))) - turn)
+        if off > SAME_ANGLE:
+            raise InputError(
+                f"direction: expected {number(float(np.degrees(turn)))}° to the first datum, got "
+                f"{number(float(np.degrees(off)))}° more or less"
+            )
+        across = given - (given @ z) * z
+        sides = [across / max(float(np.linalg.norm(across)), SAME)]
+    ways = [np.cos(turn) * z + np.sin(turn) * one for one in sides]
+    way = max(ways, key=lambda one: abs(float(one @ near)))
+    way = way if way @ near > 0 else -way
+    apart = float(np.degrees(np.arccos(min(float(way @ near), 1.0))))
+    if apart > NEAR_DEG:
+        raise InputError(
+            f"orientation: expected a feature within {number(NEAR_DEG)}° of its exact direction, "
+            f"got {number(apart)}°: give the direction in the frame of the datums"
+        )
+    return np.asarray(way)
 
 
 def location(part: Feature, datums: System, exact: Body) -> float:

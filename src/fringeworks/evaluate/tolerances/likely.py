@@ -1,0 +1,225 @@
+"""Surfaces that are likely behind noisy distances: a posterior over how rough the form may be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fringeworks.types import FloatMap
+
+LENGTH_RATIO = 1.4
+"""Ratio of neighbouring lengths of form that are tried. The logarithm of the evidence of a form of
+twenty waves changes by about one from one length to the next."""
+LONGEST = 3.0
+"""Longest length of form, in sides of the area: over the area, such a form is a bow."""
+HEIGHT_RATIO = 1.25
+"""Ratio of neighbouring heights of form that are tried: twenty waves tell it to a sixth."""
+HEIGHTS = 48
+"""Number of heights that are tried: down to 1/4,500 of the largest one."""
+HIGHEST = 10.0
+"""Largest height that is tried, in root mean squares of the form of least squares."""
+NEGLIGIBLE = 1e-8
+"""Variance of a part of the form, relative to the largest, that is left out."""
+UNLIKELY = 6.0
+"""Logarithm of the ratio of evidences from which on a length does not count: 0.25 %."""
+STIFFNESS = 1e-3
+"""Part of a coefficient's own data that is added to it where only its size is asked for."""
+
+Key = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Roughness:
+    """Forms of two lengths along the sides of the area, and the heights that they may have."""
+
+    waves: FloatMap
+    """Independent parts of the form, as coefficients of the spline, (p, r)."""
+    known: FloatMap
+    """Inverse of the variance of each part, by the values alone, (r,)."""
+    pull: FloatMap
+    """Sum of the values times each part, over their variance, (r,)."""
+    heights: FloatMap
+    """Standard deviations of the form, (h,), mm."""
+    evidence: FloatMap
+    """Logarithm of the evidence of each height, (h,)."""
+
+
+@dataclass(frozen=True)
+class Bows:
+    """Polynomials up to the second degree and motions of the body, of which nothing is known before
+    the values."""
+
+    forms: FloatMap
+    """Independent parts of variance 1, as coefficients of the spline, (p, k)."""
+    normal: FloatMap
+    """Of the equations of least squares, (p, p)."""
+    right: FloatMap
+    """Of the equations of least squares, (p,)."""
+
+    def freed(self) -> tuple[FloatMap, FloatMap]:
+        """Return the equations without what bows explain."""
+        seen = self.normal @ self.forms
+        return self.normal - seen @ seen.T, self.right - seen @ (self.forms.T @ self.right)
+
+    def beside(self, waves: FloatMap, right: FloatMap | None = None) -> FloatMap:
+        """Return waves with the bow of least squares beside them, (p,)."""
+        right = self.right if right is None else right
+        return np.asarray(waves + self.forms @ (self.forms.T @ (right - self.normal @ waves)))
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Coefficients that are drawn, each with its mirror image."""
+
+    likely: FloatMap
+    """Of the posterior, (2, p)."""
+    again: FloatMap
+    """The same, had the posterior's mean been measured under noise again, (2, p)."""
+
+
+@dataclass(frozen=True)
+class Likely:
+    """The posterior of a spline's coefficients."""
+
+    choices: tuple[Roughness, ...]
+    weights: FloatMap
+    """Probability of each choice and height, (c, h)."""
+    bows: Bows
+
+    @cached_property
+    def mean(self) -> FloatMap:
+        """Mean of the coefficients, (p,)."""
+        found = np.zeros(len(self.bows.right))
+        for one, weights in zip(self.choices, self.weights, strict=True):
+            v = one.heights[:, None] ** 2
+            found += one.waves @ (weights @ (v * one.pull / (1.0 + v * one.known)))
+        return self.bows.beside(found)
+
+    @cached_property
+    def _of_mean(self) -> list[FloatMap]:
+        """``pull`` of each choice, if the mean were measured without noise."""
+        right = self.bows.freed()[0] @ self.mean
+        return [one.waves.T @ right for one in self.choices]
+
+    def draw(self, random: np.random.Generator) -> Draws:
+        """Draw likely surfaces, and those that would be likely if the mean was measured again."""
+        number = int(random.choice(self.weights.size, p=self.weights.ravel()))
+        c, h = divmod(number, self.weights.shape[1])
+        one, bows = self.choices[c], self.bows
+        left = one.heights[h] ** 2 / (1.0 + one.heights[h] ** 2 * one.known)
+        waves, noise = random.normal(size=(2, len(left)))
+        flat, flat_noise = random.normal(size=(2, bows.forms.shape[1]))
+        nothing = np.zeros(len(bows.right))
+        own = bows.beside(one.waves @ (left * one.pull))
+        moved = bows.beside(one.waves @ (np.sqrt(left) * waves), nothing) + bows.forms @ flat
+        far = bows.beside(one.waves @ (left * self._of_mean[c]), bows.normal @ self.mean)
+        shaken = left * np.sqrt(one.known) * noise
+        by_noise = bows.beside(one.waves @ shaken, nothing) + bows.forms @ flat_noise
+        signs = np.array([[1.0], [-1.0]])
+        return Draws(own + signs * moved, far + signs * (moved + by_noise))
+
+
+def likely(normal: FloatMap, right: FloatMap, side: int, rigid: FloatMap) -> Likely:
+    """Return the posterior of the coefficients of a tensor product of cubic splines.
+
+    Parameters
+    ----------
+    normal : (p, p) array
+        Of the equations of least squares, values weighted by the inverse of their variance.
+    right : (p,) array
+        Of the same.
+    side : int
+        Number of coefficients along each side.
+    rigid : (p, j) array
+        Forms by motions and the size of the body.
+
+    Notes
+    -----
+    A bow and a motion of which nothing is known, and waves that are a Gaussian process (Rasmussen &
+    Williams, Gaussian Processes for Machine Learning, 2006, ch. 2 and 5): neighbours are alike by
+    exp(−x²/2a² − y²/2b²), with two unknown lengths a and b. A priori, the lengths are uniform in
+    their logarithms and the height is uniform (Gelman, Bayesian Analysis 1, 2006). All lengths and
+    heights that the values support count, by their evidence.
+    """
+    intervals = side - 3
+    bows = _bows(normal, right, side, rigid)
+    normal, right = bows.freed()
+    count = 1 + int(np.log(LONGEST * intervals) / np.log(LENGTH_RATIO))
+    roots = [_root(side, LONGEST / LENGTH_RATIO**k) for k in range(count)]
+    heights = _heights(normal, right)
+    tried: dict[Key, Roughness] = {}
+
+    def evidence(key: Key) -> float:
+        waves = np.kron(roots[key[0]], roots[key[1]])
+        tried[key] = _roughness(waves, normal, right, heights)
+        return float(np.logaddexp.reduce(tried[key].evidence))
+
+    _search(evidence, count)
+    every = np.array([one.evidence for one in tried.values()])
+    kept = every.max(axis=1) > every.max() - UNLIKELY
+    weights = np.exp(every[kept] - every.max())
+    choices = tuple(one for one, keep in zip(tried.values(), kept, strict=True) if keep)
+    return Likely(choices, weights / weights.sum(), bows)
+
+
+def _search(evidence: Callable[[Key], float], count: int) -> None:
+    """Try equal lengths, the long ones first, then the neighbours of all that are likely."""
+    found: dict[Key, float] = {}
+    for k in range(count):
+        found[k, k] = evidence((k, k))
+        if found[k, k] < max(found.values()) - 3.0 * UNLIKELY:
+            break
+    steps = ((1, 0), (-1, 0), (0, 1), (0, -1))
+    while True:
+        best = max(found.values())
+        ends = [key for key, value in found.items() if value > best - UNLIKELY]
+        around = {(i + di, j + dj) for i, j in ends for di, dj in steps} - set(found)
+        new = [key for key in around if min(key) >= 0 and max(key) < count]
+        if not new:
+            return
+        for key in sorted(new):
+            found[key] = evidence(key)
+
+
+def _bows(normal: FloatMap, right: FloatMap, side: int, rigid: FloatMap) -> Bows:
+    at = (np.arange(side) - 1.0) / (side - 3)
+    # The coefficients of the cubic spline that is x².
+    powers = (np.ones(side), at, at**2 - 1.0 / (3.0 * (side - 3) ** 2))
+    pairs = [(i, j) for i in range(3) for j in range(3 - i)]
+    forms = np.column_stack([*(np.kron(powers[i], powers[j]) for i, j in pairs), rigid])
+    forms /= np.sqrt(np.einsum("pk,pk->k", forms, normal @ forms)) + np.finfo(float).tiny
+    size, turn = np.linalg.eigh(forms.T @ normal @ forms)
+    seen = size > NEGLIGIBLE * size[-1]
+    return Bows(forms @ turn[:, seen] / np.sqrt(size[seen]), normal, right)
+
+
+def _root(side: int, length: float) -> FloatMap:
+    """Independent parts of the coefficients along one side, (side, r)."""
+    at = np.arange(side) / (side - 3)
+    size, turn = np.linalg.eigh(np.exp(-0.5 * ((at[:, None] - at) / length) ** 2))
+    kept = size > NEGLIGIBLE * size[-1]
+    return np.asarray(turn[:, kept] * np.sqrt(size[kept]))
+
+
+def _heights(normal: FloatMap, right: FloatMap) -> FloatMap:
+    """Heights of the form that are tried, (h,), mm."""
+    weight = float(np.trace(normal))
+    stiff = STIFFNESS * weight / len(normal)
+    fitted = np.linalg.solve(normal + stiff * np.eye(len(normal)), right)
+    size = np.sqrt(np.diag(normal) @ fitted**2 / weight) + np.finfo(float).tiny
+    return np.asarray(HIGHEST * size * HEIGHT_RATIO ** -np.arange(float(HEIGHTS)))
+
+
+def _roughness(waves: FloatMap, normal: FloatMap, right: FloatMap, heights: FloatMap) -> Roughness:
+    known, turn = np.linalg.eigh(waves.T @ normal @ waves)
+    known = np.maximum(known, 0.0)
+    waves = waves @ turn
+    pull = waves.T @ right
+    v = heights[:, None] ** 2
+    gain = 1.0 + v * known
+    evidence = 0.5 * np.sum(v * pull**2 / gain - np.log(gain), axis=1)
+    # Heights are tried at equal ratios: a uniform prior weighs each by its size.
+    return Roughness(waves, known, pull, heights, evidence + np.log(heights))

@@ -15,7 +15,7 @@ import fringeworks as fw
 from fringeworks.cli.commands import run
 from fringeworks.patterns.plan import Uniform
 from fringeworks.rig.pinhole import pose
-from fringeworks.simulate.bodies import Body, Plane, Sphere
+from fringeworks.simulate.bodies import Body, Plane, Sphere, height_field
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.fringes import PairSettings, capture_pair
 from fringeworks.simulate.optics import Optics
@@ -233,6 +233,15 @@ def on_robot(folder: Path) -> None:
     (folder / "poses.csv").write_text("\n".join(rows))
 
 
+def roof(folder: Path) -> None:
+    """The drawing of a roof of two planes, around the origin."""
+    x = np.abs(np.arange(41.0) - 20.0)
+    field = height_field(np.tile(8.0 - 0.4 * x, (41, 1)), 1.0)
+    vertices = field.vertices_mm - [20.0, 20.0, 0.0]
+    mesh = fw.TriangleMesh(vertices * [1.0, 1.0, -1.0], field.faces.astype(np.uint32))
+    fw.files.write_mesh(folder / "roof.stl", mesh)
+
+
 def trials(folder: Path) -> None:
     """A table of ten parts, three operators and two trials; captures of two parts by two people."""
     rng = np.random.default_rng(48)
@@ -258,6 +267,7 @@ FILES: dict[str, tuple[Callable[[Path], None], ...]] = {
     "datasets.md": (depth_maps,),
     "deviation.md": (models,),
     "few-frames.md": (few_frames,),
+    "foresight.md": (roof,),
     "files.md": (photographs, response, pairs("scene"), bust_in("part")),
     "inspect.md": (inspected("part"),),
     "meshes.md": (lambda folder: cloud(folder / "part.npz"),),

@@ -45,6 +45,7 @@ ELSEWHERE = {
     ),
     "test_nelson": ("append_check",),
     "test_certificate": ("certify", "plan_positions", "check_positions"),
+    "test_foresight": ("foresee", "plan_views", "smooth_faces", "turned_poses"),
     "registries": ("method", "methods", "load_plugin", "Method"),
     "errors": (
         "InputError", "FileProblem", "FolderInUse", "BoardNotFound", "DeviceProblem", "FramesContradictPlan",

@@ -15,7 +15,7 @@ from fringeworks.cli import output
 from fringeworks.cli import devices, rigs, pairs, patterns, results  # noqa: F401 isort: skip
 from fringeworks.cli import inspecting, batches, comparing, merging, meshing  # noqa: F401 isort: skip
 from fringeworks.cli import deviating, reports, robots, scoring, simulation, stacks  # noqa: F401 isort: skip
-from fringeworks.cli import certifying, studying  # noqa: F401 isort: skip
+from fringeworks.cli import certifying, foreseeing, studying  # noqa: F401 isort: skip
 
 
 def run(arguments: Sequence[str]) -> int:

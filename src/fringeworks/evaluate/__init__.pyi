@@ -34,6 +34,20 @@ from .best_method import (
 from .deviation import (
     Deviation as Deviation,
 )
+from .model_faces import (
+    FaceSamples as FaceSamples,
+    smooth_faces as smooth_faces,
+)
+from .foresight import (
+    Foresight as Foresight,
+    foresee as foresee,
+)
+from .view_plan import (
+    ForeseenFace as ForeseenFace,
+    ViewPlan as ViewPlan,
+    plan_views as plan_views,
+    turned_poses as turned_poses,
+)
 from .spots import (
     Spot as Spot,
     find_spots as find_spots,

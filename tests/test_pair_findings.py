@@ -18,6 +18,7 @@ from fringeworks.cli import (
 from fringeworks.files import read_surface
 from fringeworks.pair import plain_reference
 from fringeworks.pair.unwrap import MAX_CG_STEPS
+from fringeworks.pipeline.pair_findings import pair_findings
 from fringeworks.report import summarise
 from fringeworks.simulate.scene import standard_scene
 from tests.grids import quick
@@ -178,3 +179,14 @@ def test_the_command_line_tells_and_writes_findings(tmp_path):
     assert figures["converged"] is True
     assert told(figures) == ["row method"]
     assert told(summarise(reconstruct(small_scene(), "fourier"))) == []
+
+
+def test_orders_torn_from_the_rows_above_and_below_are_told():
+    pair = small_scene()
+    found = fw.analyse(pair)
+    assert "torn orders" not in [f.kind for f in pair_findings(pair, found)]
+    torn = found.displacement_px.copy()
+    torn[60:90, :80] += found.period_px
+    seen = pair_findings(pair, replace(found, displacement_px=torn))
+    finding = next(f for f in seen if f.kind == "torn orders")
+    assert finding.figures["length_px"] == pytest.approx(160, rel=0.1)

@@ -149,3 +149,13 @@ def test_the_response_of_a_stack_takes_the_options_of_decoding():
     ):
         with pytest.raises(InputError):
             fw.signal.measure_response(stack, **options)
+
+
+@pytest.mark.parametrize("steps", [3, 4, 5, 7])
+def test_shifts_in_degrees_are_refused_and_several_turns_are_not(steps):
+    frames, _ = scene(equal_steps(steps))
+    with pytest.raises(InputError, match="look like degrees"):
+        wrapped_phase(frames, np.round(np.degrees(equal_steps(steps)), 3))
+    turns = [5.0 * shift for shift in equal_steps(7)]
+    found = wrapped_phase(scene(turns)[0], turns)
+    assert found.failed_fraction == 0.0

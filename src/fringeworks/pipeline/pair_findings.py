@@ -48,6 +48,13 @@ MOSAIC_STEP = 0.1
 from which a frame is a mosaic of colour filters. Raw frames under white light have 0.4 or more,
 other frames less than 0.02."""
 
+TEAR_PX = 3
+"""Distance over which a tear along the fringes is looked for, px: windows smear one a little."""
+TEAR_PERIODS = (0.8, 1.2)
+"""Jump that counts as a whole period: the local period of a reference differs from the mean one."""
+TEAR_LENGTH = 3.0
+"""Shortest tear that is reported, periods."""
+
 
 def pair_findings(pair: Pair, found: DisplacementMap) -> tuple[Finding, ...]:
     """Find likely faults of a capture: what was seen, and what to do about it.
@@ -70,6 +77,7 @@ def pair_findings(pair: Pair, found: DisplacementMap) -> tuple[Finding, ...]:
         _row_method(pair, found),
         _lost_pixels(found),
         _not_converged(found),
+        _torn(found),
     )
     return tuple(finding for finding in seen if finding is not None)
 
@@ -211,6 +219,30 @@ def _not_converged(found: DisplacementMap) -> Finding | None:
         advice="do not trust the result: give a reference frame or mark the background "
         "(background), or use another method",
         severity="error",
+    )
+
+
+def _torn(found: DisplacementMap) -> Finding | None:
+    """Neighbours along the fringes that differ by about a whole period."""
+    u = found.displacement_px if found.axis == "x" else found.displacement_px.T
+    with np.errstate(invalid="ignore"):
+        jump = np.abs(u[TEAR_PX:] - u[:-TEAR_PX]) / found.period_px
+        torn = (jump > TEAR_PERIODS[0]) & (jump < TEAR_PERIODS[1])
+    # A tear of one row is seen from so many rows.
+    length_px = float(np.count_nonzero(torn)) / TEAR_PX
+    if length_px < TEAR_LENGTH * found.period_px:
+        return None
+    return Finding(
+        "torn orders",
+        f"along {length_px:.0f} px, the displacement jumps by about a whole period between "
+        "neighbours along the fringes",
+        causes=(
+            "the fringe orders on one side are wrong by one period",
+            "the object has a step of that height",
+        ),
+        advice="do not trust the regions beside these jumps unless the object has such a step; "
+        "use shifted fringes with Gray code, or a wider period",
+        figures={"length_px": length_px},
     )
 
 

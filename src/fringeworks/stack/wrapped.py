@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,12 +21,17 @@ from fringeworks.types import (
     Finding,
     FloatMap,
     Frozen,
+    InputError,
     Noted,
     Plotted,
     Provenance,
     Reason,
     sealed,
 )
+
+DEGREES_TOLERANCE = 1e-3
+"""Relative deviation up to which equal steps fill whole turns of 360: shifts in degrees are written
+with four digits or more. Steps in radians that do so would be 57 times those that are used."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,7 +84,30 @@ def steps_plan(shifts_rad: Sequence[float], *, gamma: float = 1.0) -> PatternPla
     It describes no projector. Its period is 2π "px", so that its relative coordinates are phases.
     """
     shifts = tuple(float(shift) for shift in shifts_rad)
+    _refuse_degrees(shifts)
     return PatternPlan(2, 2, (_Steps("x", TURN, shifts),), gamma=gamma)
+
+
+def _refuse_degrees(shifts: tuple[float, ...]) -> None:
+    """Refuse shifts beyond a turn that are whole numbers, or equal steps of 360/N.
+
+    In radians, steps that fill turns are multiples of π, which are never whole.
+    """
+    if not all(math.isfinite(shift) for shift in shifts):
+        return  # the plan refuses them
+    steps = [b - a for a, b in pairwise(shifts)]
+    turns = [len(shifts) * step / 360.0 for step in steps]
+    fills = bool(steps) and all(
+        round(turn) != 0 and math.isclose(turn, round(turn), rel_tol=DEGREES_TOLERANCE)
+        for turn in turns
+    )
+    whole = all(shift.is_integer() for shift in shifts)
+    if max(map(abs, shifts), default=0.0) > TURN and (whole or fills):
+        told = ", ".join(f"{shift:g}" for shift in shifts)
+        raise InputError(
+            f"shifts: expected radians, got {told}, which look like degrees; convert them with "
+            "numpy.radians"
+        )
 
 
 def wrapped_phase(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.evaluate.measured_part import MeasuredPart, measured_part, named_model, named_part
+from fringeworks.evaluate.other_models import other_models
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.rig import read_rig
 from fringeworks.rig.pinhole import transform
@@ -250,7 +251,7 @@ def deviation(
     with found_before((*surface.findings, *drawn.findings)):
         seen = measured_part(surface, known)
         progress("alignment …")
-        alignment = aligned(seen, mesh, align, seed=seed)
+        alignment = _checked_alignment(seen, drawn, mesh, align, seed)
         progress("distances …")
         placed = transform(alignment.T_model_part, seen.xyz_mm)
         near = mesh.nearest(placed, reach)
@@ -287,6 +288,27 @@ def _faces(
     full = np.zeros(seen.reason.size, np.int32)
     full[seen.index] = np.where(edge > 0, 0, mesh.face_of(near))
     return full.reshape(seen.reason.shape)
+
+
+def _checked_alignment(
+    seen: MeasuredPart, model: TriangleMesh, mesh: MeshDistance, align: AlignBy, seed: int
+) -> Alignment:
+    """The alignment; where another model would fit far better, this is said."""
+    try:
+        found = aligned(seen, mesh, align, seed=seed)
+    except InputError as problem:
+        others = other_models(seen, model, None, seed=seed) if _searched(align) else ()
+        if others:
+            raise InputError(f"model: {others[0].text}", findings=others) from problem
+        raise
+    if not _searched(align):
+        return found
+    return replace(found, findings=(*other_models(seen, model, found, seed=seed), *found.findings))
+
+
+def _searched(align: AlignBy) -> bool:
+    """Whether the pose is searched for by the whole shape."""
+    return isinstance(align, BestFit) and align.within is None
 
 
 def aligned(seen: MeasuredPart, mesh: MeshDistance, align: AlignBy, *, seed: int = 0) -> Alignment:

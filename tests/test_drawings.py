@@ -232,3 +232,13 @@ def test_recipes_with_faces_are_read_and_written(tmp_path):
         (tmp_path / "r.toml").write_text(bad)
         with pytest.raises(fw.InputError, match=said):
             fw.files.read_recipe(tmp_path / "r.toml")
+
+
+def test_the_figures_of_a_deviation_have_a_row_for_each_face():
+    cloud, model = steps()
+    found = fw.deviation(cloud, model, align=fw.evaluate.KnownPose(np.eye(4)), reach_mm=5.0)
+    low, high = found.figures()["faces"]
+    assert (low["name"], low["kind"], high["number"]) == ("low", "plane", 2)
+    assert low["mean_mm"] == pytest.approx(-0.05, abs=0.01)
+    assert high["rms_mm"] == pytest.approx(SIGMA_MM, rel=0.1)
+    assert "faces" in fw.report.summarise(found)

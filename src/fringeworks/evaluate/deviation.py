@@ -129,7 +129,7 @@ class Deviation(Noted, Plotted, Frozen):
         dict of JSON values, lengths in mm: ``points``, ``mean_mm`` with ``mean_sigma_mm``,
         ``rms_mm``, percentiles, extremes, ``within_1_sigma`` and ``within_2_sigma``; with a
         tolerance also ``outside_share``, and ``surely_outside_share`` of points that are outside by
-        more than 2 σ.
+        more than 2 σ; ``faces``, a row for each face of a drawing that has points.
 
         Raises
         ------
@@ -166,7 +166,30 @@ class Deviation(Noted, Plotted, Frozen):
             figures["outside_share"] = float(np.mean(size > tolerance_mm))
             sure = float(np.mean(size - 2.0 * sigma > tolerance_mm)) if known else None
             figures["surely_outside_share"] = sure
+        if self.face is not None:
+            figures["faces"] = self._by_face(self.face)
         return figures
+
+    def _by_face(self, face: NDArray[np.int32]) -> list[dict[str, Any]]:
+        """Figures of every face of the drawing with points, without those beside sharp edges."""
+        rows = []
+        ok = self.reason == Reason.OK
+        for one in self.model.nominal:
+            found = np.asarray(self.distance_mm[ok & (face == one.number)], np.float64)
+            if found.size:
+                rows.append(
+                    {
+                        "number": one.number,
+                        "name": one.name,
+                        "kind": one.kind,
+                        "points": int(found.size),
+                        "mean_mm": float(found.mean()),
+                        "rms_mm": float(np.sqrt(np.mean(found**2))),
+                        "smallest_mm": float(found.min()),
+                        "largest_mm": float(found.max()),
+                    }
+                )
+        return rows
 
     @property
     def _possible(self) -> int:

@@ -100,7 +100,7 @@ def _others(seen: MeasuredPart, model: TriangleMesh) -> Iterator[tuple[str, str,
         if SMALLEST_SIZE * extent <= scale * size <= LARGEST_SIZE * extent:
             yield (
                 f"the unit of the model is {unit}",
-                f"read the model with the scale {scale:.6g}",
+                f"read the model with the scale {number(scale, digits=4)}",
                 replace(bare, vertices_mm=scale * vertices),
             )
 

@@ -20,6 +20,13 @@ class NominalFace(Frozen):
     Raises
     ------
     InputError for an unknown kind, and for numbers that are not finite.
+
+    Examples
+    --------
+    >>> import fringeworks as fw
+    >>> bore = fw.evaluate.NominalFace(11, "cylinder", "bore", radius_mm=6.0)
+    >>> bore.title, bore.radius_mm
+    ('bore', 6.0)
     """
 
     number: int

@@ -134,9 +134,9 @@ def test_damaged_models_are_refused(tmp_path, content):
 def test_models_that_cannot_be_read(tmp_path):
     with pytest.raises(fw.FileProblem, match="no such file"):
         fw.files.read_model(tmp_path / "none.stl")
-    (tmp_path / "a.step").write_text("x")
+    (tmp_path / "a.dxf").write_text("x")
     with pytest.raises(fw.FileProblem, match=r"\.stl"):
-        fw.files.read_model(tmp_path / "a.step")
+        fw.files.read_model(tmp_path / "a.dxf")
     path = tmp_path / "big.stl"
     path.write_bytes(trimesh.creation.icosphere(4).export(file_type="stl"))
     with fw.files.file_limits(max_gb=1e-5), pytest.raises(fw.FileProblem, match="GB"):

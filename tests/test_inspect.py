@@ -51,7 +51,7 @@ def test_areas_are_pixels():
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda: fw.evaluate.Area(), "a box, a polygon or a mask, got none"),
+        (lambda: fw.evaluate.Area(), "a mask or a face, got none"),
         (
             lambda: fw.evaluate.Area(box=(0, 0, 1, 1), polygon=((0, 0), (1, 0), (1, 1))),
             "box and polygon",

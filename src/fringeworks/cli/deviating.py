@@ -128,7 +128,9 @@ def _planes(texts: list[str]) -> fw.evaluate.DatumPlanes:
 )
 def deviation(
     part: Annotated[Path, typer.Argument(help="Measured part: .npz, .ply or .xyz.")],
-    model: Annotated[Path, typer.Option(help="Drawing: .stl, .ply, .obj or .off, in mm.")],
+    model: Annotated[
+        Path, typer.Option(help="Drawing: .stl, .ply, .obj or .off in mm, .step or .iges.")
+    ],
     *,
     how: AlignOptions,
     rig: Annotated[

@@ -105,6 +105,7 @@ from .monte_carlo import (
 from ..types import (
     StatedUncertainty as StatedUncertainty,
     Area as Area,
+    NominalFace as NominalFace,
     Datum as Datum,
     PartTolerance as PartTolerance,
     ToleranceZone as ToleranceZone,

@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fringeworks.evaluate.measured_part import MeasuredPart, measured_part, named_model, named_part
+from fringeworks.evaluate.other_models import other_models
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.rig import read_rig
 from fringeworks.rig.pinhole import transform
@@ -64,6 +66,9 @@ MOST_BESIDE = 0.5
 part."""
 DATUM_POINTS = 30
 """Smallest number of points of a datum plane: ten for each of the directions that it may hold."""
+MOST_CHORD = 0.1
+"""Largest distance of a free-form face from its triangles, in σ of the distances: its square then
+adds 1 % to the variance."""
 PERCENTILES = (1.0, 5.0, 50.0, 95.0, 99.0)
 """Percentiles of the distances that are stated."""
 
@@ -102,6 +107,9 @@ class Deviation(Noted, Plotted, Frozen):
     """How it was made."""
     tolerance_mm: float | None = None
     """Largest distance that is allowed on either side, mm; None where nothing is judged."""
+    face: NDArray[np.int32] | None = None
+    """Number of the drawing's face nearest to every point, from 1; 0 for points without one and
+    for those beside its sharp edges, which mix two faces. None where the model has no faces."""
 
     @property
     def measured(self) -> FloatMap:
@@ -121,7 +129,7 @@ class Deviation(Noted, Plotted, Frozen):
         dict of JSON values, lengths in mm: ``points``, ``mean_mm`` with ``mean_sigma_mm``,
         ``rms_mm``, percentiles, extremes, ``within_1_sigma`` and ``within_2_sigma``; with a
         tolerance also ``outside_share``, and ``surely_outside_share`` of points that are outside by
-        more than 2 σ.
+        more than 2 σ; ``faces``, a row for each face of a drawing that has points.
 
         Raises
         ------
@@ -158,7 +166,30 @@ class Deviation(Noted, Plotted, Frozen):
             figures["outside_share"] = float(np.mean(size > tolerance_mm))
             sure = float(np.mean(size - 2.0 * sigma > tolerance_mm)) if known else None
             figures["surely_outside_share"] = sure
+        if self.face is not None:
+            figures["faces"] = self._by_face(self.face)
         return figures
+
+    def _by_face(self, face: NDArray[np.int32]) -> list[dict[str, Any]]:
+        """Figures of every face of the drawing with points, without those beside sharp edges."""
+        rows = []
+        ok = self.reason == Reason.OK
+        for one in self.model.nominal:
+            found = np.asarray(self.distance_mm[ok & (face == one.number)], np.float64)
+            if found.size:
+                rows.append(
+                    {
+                        "number": one.number,
+                        "name": one.name,
+                        "kind": one.kind,
+                        "points": int(found.size),
+                        "mean_mm": float(found.mean()),
+                        "rms_mm": float(np.sqrt(np.mean(found**2))),
+                        "smallest_mm": float(found.min()),
+                        "largest_mm": float(found.max()),
+                    }
+                )
+        return rows
 
     @property
     def _possible(self) -> int:
@@ -185,7 +216,8 @@ def deviation(
         What was measured; a path of a cloud (``.npz``) or of points (``.ply``, ``.xyz``). Filled
         vertices of a mesh were not measured and are left out.
     model : TriangleMesh or path
-        The drawing, closed and in mm; a path of ``.stl``, ``.ply``, ``.obj`` or ``.off``.
+        The drawing, closed and in mm; a path of ``.stl``, ``.ply``, ``.obj``, ``.off``, ``.step``
+        or ``.iges``.
     align : BestFit, DatumPoints, DatumPlanes or KnownPose
         How the part is brought to the model; by default a best fit whose start is searched for.
     rig : Rig or path, optional
@@ -242,7 +274,7 @@ def deviation(
     with found_before((*surface.findings, *drawn.findings)):
         seen = measured_part(surface, known)
         progress("alignment …")
-        alignment = aligned(seen, mesh, align, seed=seed)
+        alignment = _checked_alignment(seen, drawn, mesh, align, seed)
         progress("distances …")
         placed = transform(alignment.T_model_part, seen.xyz_mm)
         near = mesh.nearest(placed, reach)
@@ -267,7 +299,39 @@ def deviation(
         rig=known,
     )
     found = _assembled(seen, drawn, alignment, placed, near, uncertain, origin)
-    return replace(found, tolerance_mm=tolerance_mm)
+    return replace(found, tolerance_mm=tolerance_mm, face=_faces(seen, mesh, near, edge))
+
+
+def _faces(
+    seen: MeasuredPart, mesh: MeshDistance, near: Nearest, edge: FloatMap
+) -> NDArray[np.int32] | None:
+    """Numbers of the faces of all points, in the shape of the part."""
+    if mesh.face_index is None:
+        return None
+    full = np.zeros(seen.reason.size, np.int32)
+    full[seen.index] = np.where(edge > 0, 0, mesh.face_of(near))
+    return full.reshape(seen.reason.shape)
+
+
+def _checked_alignment(
+    seen: MeasuredPart, model: TriangleMesh, mesh: MeshDistance, align: AlignBy, seed: int
+) -> Alignment:
+    """The alignment; where another model would fit far better, this is said."""
+    try:
+        found = aligned(seen, mesh, align, seed=seed)
+    except InputError as problem:
+        others = other_models(seen, model, None, seed=seed) if _searched(align) else ()
+        if others:
+            raise InputError(f"model: {others[0].text}", findings=others) from problem
+        raise
+    if not _searched(align):
+        return found
+    return replace(found, findings=(*other_models(seen, model, found, seed=seed), *found.findings))
+
+
+def _searched(align: AlignBy) -> bool:
+    """Whether the pose is searched for by the whole shape."""
+    return isinstance(align, BestFit) and align.within is None
 
 
 def aligned(seen: MeasuredPart, mesh: MeshDistance, align: AlignBy, *, seed: int = 0) -> Alignment:
@@ -356,6 +420,21 @@ def _uncertainty(
     return sigma, noise, float(np.sqrt(variance)) / len(has)
 
 
+def _coarse(model: TriangleMesh, sigma: FloatMap) -> tuple[Finding, ...]:
+    """What is said where the triangles of free-form faces are too coarse for σ."""
+    free = any(face.kind == "free-form" for face in model.nominal)
+    known = sigma[np.isfinite(sigma)]
+    chord = model.chord_mm
+    if not free or chord is None or not known.size or chord <= MOST_CHORD * np.median(known):
+        return ()
+    far, median = number(chord, unit="mm"), number(float(np.median(known)), unit="mm")
+    seen = (
+        f"the triangles of the free-form faces lie up to {far} from them, more than a tenth of the "
+        f"median σ of {median}: read the model with a smaller chord_mm"
+    )
+    return (Finding("model", seen),)
+
+
 def _forms(rows: FloatMap, matrix: FloatMap) -> FloatMap:
     """r M rᵀ of each row r, (n,)."""
     return np.asarray(np.einsum("ni,ni->n", rows @ matrix, rows))
@@ -380,6 +459,7 @@ def _assembled(
     reason = seen.reason.ravel().copy()
     reason[seen.index[near.face < 0]] = Reason.OUTSIDE
     findings = [*alignment.findings, *seen.surface.findings, *model.findings]
+    findings += _coarse(model, sigma)
     if seen.rig is None and seen.sigma_mm is not None and isinstance(seen.surface, PointCloud):
         no_rig = (
             "no rig was given: errors of the calibration count in full, although the alignment "

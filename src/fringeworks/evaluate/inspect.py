@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -111,6 +111,13 @@ class Inspection(Noted, Plotted, Frozen):
     """Time that it took."""
     recipe: Recipe = field(default_factory=Recipe)
     """The recipe: its areas, tolerances and risk."""
+    faces: Mapping[str, Area] = field(default_factory=dict)
+    """Pixels of the areas that are faces of the model, by name, where they were found."""
+
+    def pixels(self, name: str) -> BoolMap | None:
+        """Return the pixels of an area, (h, w); None for a face that was not found."""
+        area = self.faces.get(name, self.recipe.areas[name])
+        return None if area.face is not None else area.pixels(self.surface.reason.shape)
 
     @property
     def provenance(self) -> Provenance | None:
@@ -167,14 +174,21 @@ def inspect(
             replace(finding, seen=f"in the whole frame: {finding.seen}") for finding in findings
         )
     with found_before(findings):
-        checks = judge_part(surface, recipe, draws=draws)
-    return Inspection(checks, surface, findings, time.perf_counter() - started, recipe)
+        checks, faces = _judged(surface, recipe, draws)
+    return Inspection(checks, surface, findings, time.perf_counter() - started, recipe, faces)
 
 
 def judge_part(
     surface: HeightMap | PointCloud, recipe: Recipe, *, draws: int = 0
 ) -> tuple[Check, ...]:
     """Judge the tolerances of a recipe on a surface; see ``inspect``."""
+    return _judged(surface, recipe, draws)[0]
+
+
+def _judged(
+    surface: HeightMap | PointCloud, recipe: Recipe, draws: int
+) -> tuple[tuple[Check, ...], dict[str, Area]]:
+    """The checks, and the pixels of areas that are faces."""
     if draws and not whole(draws, LEAST_DRAWS, MOST_DRAWS):
         raise InputError(
             f"draws: expected {LEAST_DRAWS} to {MOST_DRAWS}, or 0 for no Monte Carlo, got {draws}"
@@ -192,7 +206,8 @@ def judge_part(
 
     # Side by side: arrays are summed without the interpreter's lock.
     with ThreadPoolExecutor(min(QUANTITIES_AT_ONCE, os.cpu_count() or 1)) as pool:
-        return tuple(pool.map(checked, recipe.tolerances))
+        checks = tuple(pool.map(checked, recipe.tolerances))
+    return checks, part.faces_found()
 
 
 def decide(found: Quantified, tolerance: PartTolerance, risk: float) -> Verdict:

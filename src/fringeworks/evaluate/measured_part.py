@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -227,8 +227,15 @@ def named_part(
 def named_model(model: TriangleMesh | StrPath) -> tuple[TriangleMesh, Source]:
     """Return a model, read from its file, and where it comes from."""
     if isinstance(model, str | os.PathLike):
-        return read_model(model), source_of(model)
+        source = source_of(model)
+        return _read_once(os.fspath(model), source.sha256), source
     return model, Source("model", fingerprint(model))
+
+
+@lru_cache(maxsize=2)
+def _read_once(path: str, _: str | None) -> TriangleMesh:
+    """The model of a file with this hash: parts that are measured one by one have the same."""
+    return read_model(path)
 
 
 def _normals(xyz: FloatMap) -> FloatMap:

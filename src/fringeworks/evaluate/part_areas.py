@@ -13,12 +13,14 @@ from fringeworks.evaluate.area_points import AreaPoints, area_points
 from fringeworks.evaluate.blur_doubt import with_blur_doubt
 from fringeworks.evaluate.budget import Budget, budget_of, scales_of
 from fringeworks.evaluate.deviation import Deviation, deviation
+from fringeworks.evaluate.measured_part import named_model
 from fringeworks.evaluate.monte_carlo import MonteCarlo, draw_quantity, draw_zone, monte_carlo_of
 from fringeworks.evaluate.quantified import Quantified
 from fringeworks.evaluate.quantities import MEASURED, area_deviation
 from fringeworks.evaluate.tolerances.measure import prepared
 from fringeworks.evaluate.tolerances.uncertain import quantified
 from fringeworks.types import (
+    Area,
     BoolMap,
     FloatMap,
     HeightMap,
@@ -27,6 +29,8 @@ from fringeworks.types import (
     PointCloud,
     Recipe,
     Rig,
+    face_named,
+    sealed,
 )
 from fringeworks.types.recipe import CHARACTERISTICS, FROM_MODEL
 
@@ -47,20 +51,52 @@ class PartAreas:
         self.of_model = kept(self._distances)
         """The same, with their distances from the model."""
         self._against = kept(self._deviation)
+        self.area_of = kept(self._area)
+        """An area by its name; of a face, its pixels."""
+        self._check_faces()
+
+    def _check_faces(self) -> None:
+        """Refuse faces that the model does not have, before anything is measured."""
+        wanted = {name: area.face for name, area in self.recipe.areas.items() if area.face}
+        if wanted and self.recipe.model is not None:
+            model = named_model(self.recipe.model.mesh)[0]
+            for name, face in wanted.items():
+                try:
+                    face_named(model.nominal, face)
+                except InputError as problem:
+                    raise problem.at(name) from problem
+
+    def _area(self, name: str) -> Area:
+        area = self.recipe.areas[name]
+        if area.face is None:
+            return area
+        found = self._against("")
+        if found.face is None or found.face.ndim != 2:
+            raise InputError(f"face {area.face!r}: expected a point cloud of a camera, got others")
+        number = face_named(found.model.nominal, area.face).number
+        return Area(mask=sealed(found.face == number))
+
+    def faces_found(self) -> dict[str, Area]:
+        """Return the pixels of the areas that are faces of the model, where they were found."""
+        found = {}
+        for name, area in self.recipe.areas.items():
+            if area.face is not None:
+                with suppress(InputError):
+                    found[name] = self.area_of(name)
+        return found
 
     def _points(self, name: str) -> AreaPoints:
-        return area_points(self.surface, self.recipe.areas[name], self.rig, scales=self.scales)
+        return area_points(self.surface, self.area_of(name), self.rig, scales=self.scales)
 
     def _distances(self, name: str) -> AreaPoints:
+        area = self.area_of(name)
+        return area_deviation(self._against(""), area, self.rig, scales=self.scales)
+
+    def _deviation(self, _: str) -> Deviation:
         if not isinstance(self.surface, PointCloud):
             raise InputError(
                 "deviation: expected a point cloud, got heights: give the recipe a rig"
             )
-        area = self.recipe.areas[name]
-        return area_deviation(self._against(""), area, self.rig, scales=self.scales)
-
-    def _deviation(self, _: str) -> Deviation:
-        assert isinstance(self.surface, PointCloud)
         one = self.recipe.model
         assert one is not None
         return deviation(

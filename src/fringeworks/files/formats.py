@@ -229,7 +229,7 @@ def _() -> Functions:
     "a mesh",
     ["TriangleMesh"],
     [".stl", ".obj", ".glb", ".3mf", ".ply", ".vtp"],
-    reads=[".stl", ".obj", ".off", ".glb", ".3mf"],
+    reads=[".stl", ".obj", ".off", ".glb", ".3mf", ".step", ".stp", ".iges", ".igs"],
 )
 def _() -> Functions:
     from fringeworks.files.mesh import read_triangles

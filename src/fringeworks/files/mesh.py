@@ -1,13 +1,16 @@
-"""Meshes of other programs, read by the package trimesh: for the virtual rig, and as models."""
+"""Meshes and drawings of other programs: for the virtual rig, and as models."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from io import BytesIO
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.cad import CAD_SUFFIXES, Drawn
 from fringeworks.files.limits import existing_file, parsing, read_content
 from fringeworks.files.mesh_writer import METRE
 from fringeworks.files.ply import own_triangles, read_ply
@@ -58,37 +61,66 @@ def read_mesh(path: StrPath, *, scale: float = 1.0) -> Mesh:
     return Mesh(*_triangles(path, scale))
 
 
-def read_model(path: StrPath, *, scale: float = 1.0) -> TriangleMesh:
+def read_model(path: StrPath, *, scale: float = 1.0, chord_mm: float | None = None) -> TriangleMesh:
     """Read the model of a part, as a drawing program writes it.
 
     Parameters
     ----------
     path : Path
         ``.stl`` (binary or text), ``.ply``, ``.obj``, ``.off``, ``.3mf``, whose unit is read, or
-        ``.glb``, which is in metres.
+        ``.glb``, which is in metres. ``.step``, ``.stp``, ``.iges``, ``.igs``: drawings with faces,
+        whose unit is read.
     scale : float > 0
-        mm per unit of the file: 25.4 for inches.
+        mm per unit of the file: 25.4 for inches; of files with a unit, a factor.
+    chord_mm : float > 0, optional
+        Largest distance between a face of a drawing and its triangles, mm; by default 1e-5 of the
+        part's size. Distances from planes, cylinders, cones, spheres and tori are exact.
 
     Returns
     -------
     TriangleMesh. Vertices at one place are one. Triangles of a closed model point outwards;
-    findings say where they did not, and where the model is open.
+    findings say where they did not, and where the model is open. Of a drawing, ``nominal`` has its
+    faces, and ``face_index`` the face of every triangle.
 
     Raises
     ------
     FileProblem for a missing or damaged file and one without triangles; MissingPackage where the
-    package ``trimesh`` (the extra "mesh") is not installed.
+    package ``trimesh`` (the extra "mesh") is not installed, or ``cascadio`` (the extra "cad") for
+    a drawing.
     """
-    vertices, faces = _triangles(path, scale)
+    drawn = _drawing(path, scale, chord_mm)
+    if drawn is None and chord_mm is not None:
+        raise InputError(f"chord_mm: expected a drawing ({', '.join(CAD_SUFFIXES)}), got {path}")
+    vertices, faces = _triangles(path, scale) if drawn is None else (drawn.vertices, drawn.faces)
     vertices, number = numbered(vertices)
     faces = number[faces]
-    faces = faces[np.all(faces != np.roll(faces, 1, axis=1), axis=1)]
+    kept = np.all(faces != np.roll(faces, 1, axis=1), axis=1)
+    faces = faces[kept]
     if not len(faces):
         raise FileProblem(f"{path}: expected triangles with an area, got none")
     faces, seen = _outwards(vertices, faces)
-    return TriangleMesh(
+    mesh = TriangleMesh(
         vertices, faces.astype(np.uint32), findings=tuple(Finding("model", one) for one in seen)
     )
+    if drawn is None:
+        return mesh
+    notes = tuple(Finding("model", one) for one in drawn.notes)
+    return replace(
+        mesh,
+        findings=(*mesh.findings, *notes),
+        face_index=drawn.face_index[kept],
+        nominal=drawn.nominal,
+        chord_mm=drawn.chord_mm,
+    )
+
+
+def _drawing(path: StrPath, scale: float, chord_mm: float | None) -> Drawn | None:
+    """A drawing with faces; None for a file of triangles."""
+    if Path(path).suffix.lower() not in CAD_SUFFIXES:
+        return None
+    if not 0 < scale < np.inf:
+        raise InputError(f"scale: expected > 0, got {scale}")
+    return Drawn(existing_file(path, "a drawing"), scale, chord_mm)
 
 
 def read_triangles(path: StrPath) -> TriangleMesh:
@@ -149,7 +181,8 @@ def _triangles(path: StrPath, scale: float) -> tuple[FloatMap, NDArray[np.int64]
     """Vertices in mm and faces of a file."""
     path = existing_file(path, "a mesh file")
     if path.suffix.lower() not in SUFFIXES:
-        raise FileProblem(f"{path}: expected one of {', '.join(SUFFIXES)}, got {path.suffix}")
+        known = ", ".join((*SUFFIXES, *CAD_SUFFIXES))
+        raise FileProblem(f"{path}: expected one of {known}, got {path.suffix}")
     if not 0 < scale < np.inf:
         raise InputError(f"scale: expected > 0, got {scale}")
     if path.suffix.lower() == SUFFIX_3MF:

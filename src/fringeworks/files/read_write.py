@@ -50,8 +50,9 @@ def read(path: StrPath) -> Any:
         ``.bmp`` or ``.tif``.
         Results: points (``.npz``, ``.ply``, ``.xyz``, ``.pcd``, ``.csv``, ``.e57``, ``.las``,
         ``.laz``), heights (``.tif``, ``.npz``, ``.csv``, ``.x3p``, ``.gsf``), meshes (``.stl``,
-        ``.ply``, ``.obj``, ``.off``, ``.glb``, ``.3mf``), coordinates (``.npz``, ``.csv``), phases
-        and separated light (``.npz``), figures (``.json``).
+        ``.ply``, ``.obj``, ``.off``, ``.glb``, ``.3mf``), drawings (``.step``, ``.stp``, ``.iges``,
+        ``.igs``), coordinates (``.npz``, ``.csv``), phases and separated light (``.npz``), figures
+        (``.json``).
         Calibrations and settings: rigs (``.toml``, ``.xml``, ``.yml``), responses, geometries of
         the two-frame path (``.toml``, ``.npz``), plans, recipes and set-ups (``.toml``).
 

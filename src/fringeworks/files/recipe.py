@@ -50,12 +50,14 @@ HEADER = "# How parts are measured and judged (fringeworks). Areas are in camera
 
 
 class _Area(Section):
-    """``[areas.NAME]``: a box, a polygon or a mask."""
+    """``[areas.NAME]``: a box, a polygon, a mask or a face."""
 
     box: tuple[int, int, int, int] | None = None
     polygon: list[tuple[float, float]] | None = Field(default=None, max_length=MOST_CORNERS)
     mask: str | None = None
     """Image file relative to the recipe; pixels above 0 belong to it."""
+    face: str | int | None = None
+    """Name or number of a face of the model."""
 
 
 class _Tolerance(Section):
@@ -385,7 +387,8 @@ def _area(recipe: Path, name: str, area: _Area) -> Area:
         mask = np.asarray(read_frame(_beside(recipe, area.mask))[0] > 0)
     if area.box is not None and max(map(abs, area.box)) > MAX_LENGTH_PX:
         raise InputError(f"area: expected a box within {MAX_LENGTH_PX} px, got {area.box}")
-    return Area(area.box, None if area.polygon is None else tuple(area.polygon), mask)
+    polygon = None if area.polygon is None else tuple(area.polygon)
+    return Area(area.box, polygon, mask, None if area.face is None else str(area.face))
 
 
 def _area_table(recipe: Path, number: int, area: Area) -> dict[str, Any]:
@@ -394,6 +397,8 @@ def _area_table(recipe: Path, number: int, area: Area) -> dict[str, Any]:
         return {"box": list(area.box)}
     if area.polygon is not None:
         return {"polygon": [list(corner) for corner in area.polygon]}
+    if area.face is not None:
+        return {"face": area.face}
     mask = area.mask
     assert mask is not None
     image = name_beside(

@@ -66,11 +66,11 @@ def area_picture(found: Inspection, check: Check, part: Backdrop) -> Figure:
     # Placed by hand: a layout that is searched takes three times as long, and batches have many.
     figure = Figure(figsize=SIZE_INCH)
     place, gauge = (figure.add_axes(box) for box in (PART_BOX, GAUGE_BOX))
-    shape = found.surface.reason.shape
-    areas = {name: found.recipe.areas[name] for name in check.tolerance.areas}
+    areas = {name: found.pixels(name) for name in check.tolerance.areas}
     _part(place, part, scaled=False)
     for (name, area), colour in zip(areas.items(), AREA_COLOURS, strict=False):
-        _outline(place, name, area.pixels(shape), colour)
+        if area is not None:
+            _outline(place, name, area, colour)
     _gauge(gauge, check, found.recipe.risk)
     return figure
 
@@ -89,8 +89,9 @@ def inspection_picture(title: str, found: Inspection) -> Picture:
     _part(place, backdrop(found.surface), scaled=True)
     used = dict.fromkeys(name for check in checks for name in check.tolerance.areas)
     for name in used:
-        pixels = found.recipe.areas[name].pixels(found.surface.reason.shape)
-        _outline(place, name, pixels, ALL_AREAS)
+        pixels = found.pixels(name)
+        if pixels is not None:
+            _outline(place, name, pixels, ALL_AREAS)
     if checks:
         places = right.subplots(len(checks), 1, squeeze=False)
         for axes, check in zip(places.flat, checks, strict=True):

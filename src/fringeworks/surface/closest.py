@@ -9,6 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fringeworks import _core
+from fringeworks.surface.nominal import ROUND, nominal_distance
 from fringeworks.types import BoolMap, FloatMap, InputError, TriangleMesh
 
 ON_EDGE = 1e-9
@@ -21,6 +22,10 @@ MOST_EDGE_POINTS = 1e6
 FLAT_SHARE = 1e-12
 """Smallest area of a triangle, over the square of its longest edge. A triangle below it has no
 normal."""
+EXACT_CHORDS = 2.0
+"""Largest difference between the distances from triangles and from the nominal form of their face,
+in chord errors of the drawing, up to which the latter is taken. Where it is larger, the nearest
+point of the unlimited form lies off the face."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +35,7 @@ class Nearest:
     distance_mm: FloatMap
     """Signed distance, positive outside, (n,), mm; NaN beyond the reach."""
     point_mm: FloatMap
-    """The nearest point of the mesh, (n, 3), mm; NaN beyond the reach."""
+    """The nearest point of the mesh or of the drawing's face, (n, 3), mm; NaN beyond the reach."""
     direction: FloatMap
     """Direction in which the signed distance grows fastest, (n, 3), of length 1."""
     face: NDArray[np.int64]
@@ -75,6 +80,11 @@ class MeshDistance:
         """Unit normals of the triangles, (m, 3)."""
         self.areas_mm2: FloatMap = 0.5 * double_area[good]
         """Areas of the triangles, (m,), mm²."""
+        self.nominal = mesh.nominal
+        """Faces of the drawing; empty where it has none."""
+        self.face_index = None if mesh.face_index is None else mesh.face_index[good]
+        """Place in ``nominal`` of the face of every triangle, (m,); None where there are none."""
+        self._chord_mm = mesh.chord_mm
         self.size_mm: float = float(np.linalg.norm(np.ptp(self.corners.reshape(-1, 3), axis=0)))
         """Diagonal of the box around the mesh, mm."""
         # STL files repeat vertices: those at one place count as one.
@@ -149,7 +159,42 @@ class MeshDistance:
         Nearest
         """
         points = np.ascontiguousarray(points_mm, np.float64)
-        return self._signed(points, self._tree.nearest(points, reach_mm).astype(np.int64))
+        found = self._signed(points, self._tree.nearest(points, reach_mm).astype(np.int64))
+        self._exact(points, found)
+        return found
+
+    def face_of(self, found: Nearest) -> NDArray[np.int32]:
+        """Return the number of the drawing's face that nearest points lie on, (n,), from 1; 0
+        beyond the reach and where the model has no faces.
+        """
+        number = np.zeros(len(found.face), np.int32)
+        if self.face_index is not None:
+            has = found.face >= 0
+            place = np.array([face.number for face in self.nominal], np.int32)
+            number[has] = place[self.face_index[found.face[has]]]
+        return number
+
+    def _exact(self, points: FloatMap, found: Nearest) -> None:
+        """Replace distances from triangles by those from the round faces they stand for."""
+        if self.face_index is None or self._chord_mm is None:
+            return
+        has = np.flatnonzero(found.face >= 0)
+        of_face = self.face_index[found.face[has]]
+        for place in np.unique(of_face):
+            face = self.nominal[place]
+            at = has[of_face == place]
+            known = nominal_distance(face, points[at]) if face.kind in ROUND else None
+            if known is None:
+                continue
+            distance, outwards = known
+            agree = np.einsum("nc,nc->n", outwards, self.normals[found.face[at]])
+            side = np.where(agree < 0, -1.0, 1.0)
+            exact = side * distance
+            near = np.abs(exact - found.distance_mm[at]) <= EXACT_CHORDS * self._chord_mm
+            at, turned = at[near], (side[:, None] * outwards)[near]
+            found.distance_mm[at] = exact[near]
+            found.direction[at] = turned
+            found.point_mm[at] = points[at] - exact[near, None] * turned
 
     def _signed(self, points: FloatMap, face: NDArray[np.int64]) -> Nearest:
         n = len(points)

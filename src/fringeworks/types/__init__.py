@@ -68,6 +68,7 @@ from fringeworks.types.finding import (
 from fringeworks.types.frozen import Frozen, check_reusable, fingerprint, sealed, unsealed
 from fringeworks.types.lens_field import LensField
 from fringeworks.types.multi_rig import MultiRig, multi_rig_parameters
+from fringeworks.types.nominal import FaceKind, NominalFace, face_named
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
 from fringeworks.types.placement import CAMERA_FRAME, Placement
 from fringeworks.types.points import Points, TriangleMesh
@@ -112,6 +113,7 @@ __all__ = [
     "Delay",
     "DeviceProblem",
     "DisplacementMap",
+    "FaceKind",
     "FileProblem",
     "Finding",
     "FloatMap",
@@ -125,6 +127,7 @@ __all__ = [
     "MissingPackage",
     "Mount",
     "MultiRig",
+    "NominalFace",
     "Noted",
     "Pair",
     "PartModel",
@@ -163,6 +166,7 @@ __all__ = [
     "count_reasons",
     "day",
     "explained",
+    "face_named",
     "fingerprint",
     "finite",
     "fits_axes",

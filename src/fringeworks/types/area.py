@@ -1,4 +1,4 @@
-"""Parts of the camera's image: boxes, polygons and masks."""
+"""Parts of the camera's image: boxes, polygons, masks, and faces of a model."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from fringeworks.types.arrays import BoolMap
 from fringeworks.types.checks import MOST_PX, finite, whole
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
+
+KINDS = ("box", "polygon", "mask", "face")
+"""Fields of an area; exactly one of them is given."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -27,13 +30,17 @@ class Area(Frozen):
     """Corners (column, row), px; pixels whose centre lies inside belong to it."""
     mask: BoolMap | None = None
     """True for its pixels, (h, w)."""
+    face: str | None = None
+    """Name or number of a face of the recipe's model: the pixels that lie on it once the part is
+    aligned, without those beside its sharp edges."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        given = [name for name in ("box", "polygon", "mask") if getattr(self, name) is not None]
+        given = [name for name in KINDS if getattr(self, name) is not None]
         if len(given) != 1:
             raise InputError(
-                f"area: expected a box, a polygon or a mask, got {' and '.join(given) or 'none'}"
+                "area: expected a box, a polygon, a mask or a face, got "
+                f"{' and '.join(given) or 'none'}"
             )
         if self.box is not None and not (
             len(self.box) == 4
@@ -70,8 +77,14 @@ class Area(Frozen):
 
         Raises
         ------
-        InputError where it has no pixel in the frame, and for a mask of another shape.
+        InputError where it has no pixel in the frame, for a mask of another shape, and for a face,
+        whose pixels follow from the alignment.
         """
+        if self.face is not None:
+            raise InputError(
+                f"area: expected a box, a polygon or a mask, got the face {self.face!r}, whose "
+                "pixels are not known before the part is aligned to its model"
+            )
         if self.mask is not None:
             if self.mask.shape != shape:
                 raise InputError(f"area: expected a mask of shape {shape}, got {self.mask.shape}")

@@ -11,6 +11,7 @@ from fringeworks.types.arrays import BoolMap, FloatMap
 from fringeworks.types.errors import InputError
 from fringeworks.types.finding import Finding, Noted
 from fringeworks.types.frozen import Frozen
+from fringeworks.types.nominal import NominalFace
 from fringeworks.types.provenance import Provenance
 
 
@@ -71,6 +72,14 @@ class TriangleMesh(Noted, Frozen):
     none."""
     texture_px: FloatMap | None = None
     """Where the vertices lie in it: column and row, (n, 2), px; None without a texture."""
+    face_index: NDArray[np.int32] | None = None
+    """Place in ``nominal`` of the face that every triangle belongs to, (m,); None where the file
+    has no faces."""
+    nominal: tuple[NominalFace, ...] = ()
+    """Faces of the drawing; empty where the file has triangles only."""
+    chord_mm: float | None = None
+    """Largest distance between a face and its triangles, mm; None where the file has triangles
+    only."""
 
     def __post_init__(self) -> None:
         vertices = np.asarray(self.vertices_mm)
@@ -93,8 +102,20 @@ class TriangleMesh(Noted, Frozen):
                     f"mesh: expected {name} of {len(vertices)} vertices, got {np.shape(values)}"
                 )
         self._check_texture()
+        self._check_nominal(len(faces))
         object.__setattr__(self, "faces", faces.astype(np.uint32))
         super().__post_init__()
+
+    def _check_nominal(self, count: int) -> None:
+        index = self.face_index
+        if index is None:
+            return
+        known = np.ndim(index) == 1 and len(index) == count and np.asarray(index).dtype.kind in "ui"
+        if not known or (count and not (0 <= np.min(index) <= np.max(index) < len(self.nominal))):
+            raise InputError(
+                f"mesh: expected the places of {count} triangles among {len(self.nominal)} faces, "
+                f"got face_index of shape {np.shape(index)}"
+            )
 
     def _check_texture(self) -> None:
         if self.texture is None and self.texture_px is None:

@@ -8,7 +8,7 @@ from os import PathLike
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
-from fringeworks.types.alignment import AlignBy, BestFit
+from fringeworks.types.alignment import AlignBy, BestFit, DatumPlanes
 from fringeworks.types.area import Area
 from fringeworks.types.checks import finite
 from fringeworks.types.errors import InputError
@@ -356,7 +356,21 @@ class Recipe(Frozen):
         needy = [one.name for one in self.tolerances if one.quantity in FROM_MODEL]
         if needy and self.model is None:
             raise InputError(f"tolerance {needy[0]!r}: expected a recipe with a model, got none")
+        self._check_faces()
         names = [one.name for one in self.tolerances]
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
             raise InputError(f"tolerance {twice!r}: expected each name once, got it twice")
+
+    def _check_faces(self) -> None:
+        """Faces need a model, and an alignment that does not need them."""
+        faces = {name for name, area in self.areas.items() if area.face is not None}
+        if faces and self.model is None:
+            raise InputError(f"area {min(faces)!r}: expected a recipe with a model, got none")
+        if self.within in faces:
+            raise InputError(f"within: expected pixels, got the face of the area {self.within!r}")
+        align = None if self.model is None else self.model.align
+        fitted = [align.within] if isinstance(align, BestFit) else []
+        fitted += list(align.where) if isinstance(align, DatumPlanes) else []
+        if any(isinstance(one, Area) and one.face is not None for one in fitted):
+            raise InputError("model: expected areas of pixels for the alignment, got a face")

@@ -40,6 +40,8 @@ PLACE_MM = 0.1
 some pixels, and is shown to 0.01 mm."""
 SPOT_COLUMNS = ("x / mm", "y / mm", "z / mm", "deviation / mm", "± σ", "area / mm²")
 """Columns of the table of dents and bumps."""
+FACE_COLUMNS = ("face", "form", "points", "mean / mm", "rms / mm", "smallest / mm", "largest / mm")
+"""Columns of the table of the drawing's faces."""
 
 
 def figures(found: Deviation) -> dict[str, Any]:
@@ -83,6 +85,18 @@ def words(found: Deviation, figures: dict[str, Any]) -> Iterator[Word]:
                 for spot in spots
             ]
             yield Rows(SPOT_COLUMNS, rows)
+    if figures.get("faces"):
+        names = (f"{one['number']} {one['name']}".strip() for one in figures["faces"])
+        rows = [
+            [
+                name,
+                one["kind"],
+                str(one["points"]),
+                *(number(one[key]) for key in ("mean_mm", "rms_mm", "smallest_mm", "largest_mm")),
+            ]
+            for name, one in zip(names, figures["faces"], strict=True)
+        ]
+        yield Rows(FACE_COLUMNS, rows)
     if "outside_share" in figures:
         sure = figures["surely_outside_share"]
         surely = "" if sure is None else f", {percent(sure)} surely (by 2 σ)"

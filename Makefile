@@ -1,5 +1,5 @@
 # demo · unit · test · thorough · long · faults · fuzz · fuzz-guided · kills · check · bench · docs · pages · gallery · screenshots · look · wheel · again ·
-# platforms · pins · audit: the only entry points. Each makes its own .venv and needs nothing but python3 (3.11 or later), cargo and make.
+# platforms · pins · audit · others: the only entry points. Each makes its own .venv and needs nothing but python3 (3.11 or later), cargo and make.
 
 PYTHON ?= python3
 VENV := $(CURDIR)/.venv
@@ -14,7 +14,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 RUST := Cargo.toml Cargo.lock $(shell find crates -name '*.rs' -o -name Cargo.toml)
 WORK ?=
 
-.PHONY: demo unit test thorough long faults fuzz kills check bench docs gallery clean screenshots look wheel audit again platforms pins pages fuzz-guided
+.PHONY: demo unit test thorough long faults fuzz kills check bench docs gallery clean screenshots look wheel audit again platforms pins pages fuzz-guided others
 
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
@@ -43,6 +43,11 @@ test: $(VENV)/.built
 thorough: $(VENV)/.built
 	$(TESTED) $(BIN)/python -m pytest $(ALONE)
 	$(TESTED) $(BIN)/python -m pytest $(WORKERS) -m "thorough and not long"
+
+# Packages for some tests that nothing else installs, because their licences are not permissive; without them
+# these tests skip visibly.
+others: $(VENV)/.built
+	$(BIN)/python $(PIP) -r requirements/other-licences.txt
 
 # Statistics over many captures, and whole grids of which the tests take pairs: an hour.
 long: $(VENV)/.built

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import os
 import sys
+from typing import Literal
 
 
-def main(path: str, kind: str, chord: str, relative: str, angle: str) -> None:
+def main(path: str, kind: Literal["step", "iges"], chord: str, relative: str, angle: str) -> None:
     """Write the triangles of every face with the face's nominal form, as GLB."""
     import cascadio
 

@@ -14,6 +14,9 @@ from fringeworks.simulate.scene import standard_scene
 from fringeworks.types import Pair
 from tests import shared
 
+collect_ignore = ["drawings/make_block.py"]
+"""Makes the drawings, with a package that the tests do not need."""
+
 DATA_VARIABLE = "FRINGEWORKS_DATA"
 
 

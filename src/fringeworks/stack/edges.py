@@ -503,6 +503,10 @@ def sigma_beside_steps(
     for along in (variance, variance.T):
         middle = along[:, 1:-1]
         np.maximum(middle, np.minimum(along[:, :-2], along[:, 2:]), out=middle)
+        # At the ends of a line no pixels are behind: what is next to them is off by as much.
+        for outer in (along, along[:, ::-1]):
+            near = outer[:, FITTED : FITTED + RINGS].max(axis=1, initial=0.0, keepdims=True)
+            np.maximum(outer[:, :FITTED], near, out=outer[:, :FITTED])
     return np.asarray(np.sqrt(sigma**2 + variance))
 
 

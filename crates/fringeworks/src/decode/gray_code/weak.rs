@@ -16,10 +16,13 @@ const MOST_MISFIT: f32 = 4.0;
 /// exp(2 A off / v): a bit that is nearer to its threshold than noise usually leaves it may still be
 /// certain. That holds for bits of A only. Where another surface, or light of one, mixes in, several
 /// are weaker than A by more than noise explains: the sum of their squared deficits tells.
-#[inline(always)]
+///
+/// One function for all kinds of samples, and never inlined: few pixels come here.
+#[cold]
+#[inline(never)]
 pub fn settled(
     code: &GrayCode,
-    off: impl Fn(u32) -> f32,
+    off: &dyn Fn(u32) -> f32,
     i: usize,
     out: &GrayCells,
 ) -> Option<(u32, u32)> {
@@ -54,7 +57,7 @@ mod tests {
     fn found(offs: &[f32]) -> Option<(u32, u32)> {
         let mut out = GrayCells::new();
         (out.contrast[0], out.variance[0]) = (45.0, 100.0);
-        settled(&code(offs.len()), |place| offs[place as usize], 0, &out)
+        settled(&code(offs.len()), &|place| offs[place as usize], 0, &out)
     }
 
     #[test]

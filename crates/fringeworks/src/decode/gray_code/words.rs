@@ -146,7 +146,7 @@ fn place_ranges<'a, T: Sample>(
         place_range(code, (gray[i], unknown), (share, blurred), i, out);
         if known
             && out.coordinate[i].is_nan()
-            && let Some(bits) = settled(code, off, i, out)
+            && let Some(bits) = settled(code, &off, i, out)
         {
             place_range(code, bits, (share, blurred), i, out);
         }
@@ -235,7 +235,7 @@ fn place_words<'a, T: Sample>(
         if out.coordinate[i].is_nan() && own {
             let threshold = out.threshold[i];
             let off = |place: u32| distance(code, &line, threshold, place, i);
-            if let Some((gray, doubt)) = settled(code, off, i, out) {
+            if let Some((gray, doubt)) = settled(code, &off, i, out) {
                 place(code, &word_of(gray, doubt, true), true, i, out);
             }
         }

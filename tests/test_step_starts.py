@@ -106,6 +106,22 @@ def test_sets_that_start_at_other_steps_show_one_response(low_high):
     assert np.mean(off > 5.0 * found.sigma_px[ok]) < 1e-3
 
 
+@pytest.mark.parametrize(("sign", "quarters"), [(1, 1), (1, 3), (-1, 1)])
+@pytest.mark.parametrize("periods", [(28.0, 224.0, 1120.0), (24.0, 26.0, 28.4)])
+def test_a_set_with_another_start_is_named(sign, quarters, periods):
+    """It was taken for a scene that moved between the sets."""
+    steps = np.asarray(equal_steps(4))
+    shown = tuple(PhaseSteps("x", p, equal_steps(4)) for p in periods)
+    frames, _ = photographs(PatternPlan(WIDTH, 60, shown), 57)
+    wrong = PhaseSteps("x", periods[0], tuple(sign * (steps + quarters * np.pi / 2)))
+    said = PatternPlan(WIDTH, 60, (wrong, *shown[1:]))
+    with pytest.raises(
+        fw.InputError, match=f"frames: .*the set from x-phase-{periods[0]:g}px-0 on"
+    ) as told:
+        fw.decode(frames, said)
+    assert "moved" not in str(told.value).split(", or ")[0]
+
+
 @pytest.mark.parametrize("lost", [0, 1, 3])
 def test_a_step_that_is_dark_by_mistake_is_refused(lost):
     sets = tuple(PhaseSteps("x", WIDTH / n, equal_steps(4)) for n in (1, 6, 36))

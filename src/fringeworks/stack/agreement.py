@@ -105,7 +105,8 @@ UNRELATED_SETS = 0.9
 no relation: another plan has 0.98, a response of 2.2 that is not corrected up to 0.75."""
 
 LEAST_APART = 0.1
-"""Smallest mean cost of the disagreement for that statement: another plan has 0.28, noise 0.01."""
+"""Smallest mean cost of the disagreement for that statement, and from which on other orders are
+tried: another plan has 0.28, a set that starts elsewhere 0.15, noise 0.01."""
 
 ASTRAY = 0.2
 """Cost of a coordinate that its Gray-code cell refuses: six in ten lie inside by chance, and
@@ -144,6 +145,8 @@ class Order:
     """Sign and start of the steps, ± 1 and turns."""
     axis: Axis | None = None
     """Axis of these steps."""
+    of_set: int | None = None
+    """Number of the set along the axis that takes these steps; None for all."""
 
 
 @dataclass(frozen=True)
@@ -221,6 +224,10 @@ class LineEvidence:
         known, bend = self._known(maps), self._bend([maps])
         if np.count_nonzero(bend[known] >= 1.0) > JUMPS * np.count_nonzero(known):
             return True
+        if len(self.decoding.sets) > 1:
+            apart = float(np.mean(self._apart(self.decoding, maps)[self.triples]))
+            if apart > LEAST_APART:
+                return True
         rough = [float(np.mean(part[self.triples])) for part in (cost, maps.get("astray", cost))]
         return max(rough) > ROUGH or self._rough_bit(maps["coordinate"], bend, known)
 
@@ -371,7 +378,9 @@ class LineEvidence:
             return self.decoding
         sets = [
             replace(s, shifts_rad=tuple(sign * (d - TURN * start) for d in s.shifts_rad))
-            for s in self.decoding.sets
+            if order.of_set in (None, k)
+            else s
+            for k, s in enumerate(self.decoding.sets)
         ]
         return replace(self.decoding, sets=tuple(sets))
 

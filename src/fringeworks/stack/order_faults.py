@@ -52,6 +52,9 @@ REPEATED = 0.3
 BENT = 2.2
 """Exponent of a projector's response (γ) up to which a set predicts a step without it."""
 
+SET_STEPS = tuple((s, q / 4.0) for s in (1.0, -1.0) for q in range(4) if (s, q) != (1.0, 0))
+"""Signs and starts, in turns, that other programs give the steps of a set."""
+
 PHASES = 361
 """Number of phases at which that error is looked for."""
 
@@ -59,7 +62,7 @@ MAX_NAMED = 3
 """At most this many orders of one kind are named."""
 
 
-PREFERRED = ("steps", "", "moved", "start")
+PREFERRED = ("steps", "", "set", "moved", "start")
 """Kinds of explanations in the order in which equally good ones are named; "" stands for others."""
 
 
@@ -141,6 +144,22 @@ def _of_steps(plan: PatternPlan, evidence: Evidence, *, clear: bool) -> Iterator
         yield Hypothesis(order, "steps" if seen.usual else "start", *words)
 
 
+def _of_one_set(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
+    """Steps of one of several sets that run backwards, or start at a quarter of a turn."""
+    every, labels = tuple(range(plan.frames)), plan.labels()
+    for axis, found in evidence.items():
+        sets = found.decoding.sets if len(found.decoding.sets) > 1 else ()
+        for k, phases in enumerate(sets):
+            for sign, start in SET_STEPS:
+                steps = [np.degrees(sign * (d - TURN * start)) % 360.0 for d in phases.shifts_rad]
+                words = (
+                    f"the set from {labels[phases.frames[0]]} on has another sign or start of its "
+                    f"steps than the plan says (they fit {', '.join(f'{d:.0f}°' for d in steps)})"
+                )
+                order = Order(every, axis=axis, steps=(sign, start), of_set=k)
+                yield Hypothesis(order, "set", words)
+
+
 def refuse_unrelated(evidence: Evidence) -> None:
     """Refuse frames that contradict each other, whatever their order.
 
@@ -212,6 +231,7 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
     labels = plan.labels()
     every = tuple(range(plan.frames))
     yield from _of_steps(plan, evidence, clear=False)
+    yield from _of_one_set(plan, evidence)
     for a, b in combinations(every, 2):
         places = list(every)
         places[a], places[b] = b, a

@@ -264,8 +264,10 @@ def _with_line_scatter(
         maps = decode_sample(decoding, lines, known.noise, known.limits.open)
         finest = _without_blur(decoding, maps, known, k) or finest
         finest = _without_pull(finest, decoding, maps["coordinate"], k)
-        # Creases of the surface lie within windows as well.
-        finest = replace(finest, excess=min(finest.excess, _of_pixels(decoding, maps, known, k)))
+        if not bent:
+            # Creases of the surface lie within windows as well.
+            by_pixels = _of_pixels(decoding, maps, known, k)
+            finest = replace(finest, excess=min(finest.excess, by_pixels))
     if finest is None or finest.excess <= LINES_NOISE_ALONE:
         return decoding, 1.0
     if bent:

@@ -115,6 +115,7 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
         against = AGAINST if None not in hypothesis.order.places else AGAINST_UNSEEN
         if better - worse > max(least, FAR_BETTER) and worse < against * better:
             found.append((better - worse, hypothesis))
+    found = _with_one_start(found)
     if found:
         also = f"; {_repeats_in_words(plan, repeated[0])}" if repeated else ""
         raise FramesContradictPlan(_words(found) + also)
@@ -123,6 +124,21 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
     _refuse_other_steps(plan, evidence)
     _refuse_no_pattern(plan, evidence, planned)
     return True
+
+
+def _with_one_start(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, Hypothesis]]:
+    """The explanations without those by the start of a set of which several fit as well: such a
+    set has other fringes, not another start."""
+    starts: dict[tuple[object, ...], list[float]] = {}
+    for gain, h in found:
+        if h.kind == "set":
+            starts.setdefault((h.order.axis, h.order.of_set, h.order.steps[0]), []).append(gain)
+
+    def vague(h: Hypothesis) -> bool:
+        gains = sorted(starts.get((h.order.axis, h.order.of_set, h.order.steps[0]), []))
+        return len(gains) > 1 and gains[-2] > (1.0 - EQUALLY_GOOD) * gains[-1]
+
+    return [(gain, h) for gain, h in found if h.kind != "set" or not vague(h)]
 
 
 def _refuse_other_steps(plan: PatternPlan, evidence: Evidence) -> None:

@@ -86,7 +86,7 @@ class AlignOptions:
         pairs = None
         if self.datum_point or self.align is AlignName.points:
             table = np.array(
-                [_numbers(p, 6, "--datum-point") for p in self.datum_point or []]
+                [numbers(p, 6, "--datum-point") for p in self.datum_point or []]
             ).reshape(-1, 6)
             pairs = fw.evaluate.DatumPoints(table[:, :3], table[:, 3:])
         if self.align is AlignName.points and pairs is not None:
@@ -96,7 +96,8 @@ class AlignOptions:
         )
 
 
-def _numbers(text: str, count: int, option: str) -> list[float]:
+def numbers(text: str, count: int, option: str) -> list[float]:
+    """The numbers of an option, with ':' between; a refusal names the option."""
     try:
         found = [float(part) for part in text.split(":")]
     except ValueError:
@@ -107,7 +108,7 @@ def _numbers(text: str, count: int, option: str) -> list[float]:
 
 
 def _box(text: str, option: str) -> fw.evaluate.Area:
-    left, top, right, bottom = (round(v) for v in _numbers(text, 4, option))
+    left, top, right, bottom = (round(v) for v in numbers(text, 4, option))
     return fw.evaluate.Area(box=(left, top, right, bottom))
 
 
@@ -116,7 +117,7 @@ def _planes(texts: list[str]) -> fw.evaluate.DatumPlanes:
 
     if len(texts) != 3:
         raise fw.InputError(f"--datum-plane: expected three datum planes, got {len(texts)}")
-    table = [_numbers(text, 7, "--datum-plane") for text in texts]
+    table = [numbers(text, 7, "--datum-plane") for text in texts]
     one, two, three = (_box(":".join(f"{v:g}" for v in row[:4]), "--datum-plane") for row in table)
     return fw.evaluate.DatumPlanes((one, two, three), np.array([row[4:] for row in table]))
 

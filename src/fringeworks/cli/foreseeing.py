@@ -10,6 +10,7 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
+from fringeworks.cli.deviating import numbers
 from fringeworks.cli.options import JsonFile
 
 if TYPE_CHECKING:
@@ -120,21 +121,11 @@ def _figures(found: ViewPlan) -> dict[str, Any]:
     }
 
 
-def _numbers(text: str, count: int, option: str) -> list[float]:
-    try:
-        found = [float(part) for part in text.split(":")]
-    except ValueError:
-        found = []
-    if len(found) != count:
-        raise fw.InputError(f"{option}: expected {count} numbers with ':' between, got {text!r}")
-    return found
-
-
 def _pose(text: str) -> Any:
     import numpy as np  # when it is used: the command line loads without it
     from scipy.spatial.transform import Rotation
 
-    found = _numbers(text, 6, "--pose")
+    found = numbers(text, 6, "--pose")
     T = np.eye(4)
     T[:3, :3] = Rotation.from_euler("xyz", found[3:], degrees=True).as_matrix()
     T[:3, 3] = found[:3]
@@ -144,7 +135,7 @@ def _pose(text: str) -> Any:
 def _turned(poses: list[Any], text: str) -> list[Any]:
     if len(poses) != 1:
         raise fw.InputError("--spin cannot be combined with several --pose")
-    found = _numbers(text, 7, "--spin")
+    found = numbers(text, 7, "--spin")
     if not found[6].is_integer():
         raise fw.InputError(f"--spin: expected a whole number of poses, got {found[6]:g}")
     return fw.evaluate.turned_poses(poses[0], found[:3], found[3:6], int(found[6]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from fringeworks.devices.protocols import Camera, CameraLimits, Projector
 from fringeworks.devices.registry import (
@@ -97,16 +97,23 @@ def open_webcam(which: str) -> Camera:
     return WebcamCamera(int(which or "0") if not which or which.isdecimal() else which)
 
 
-def _genicams() -> Iterator[ListedDevice]:
-    from fringeworks.devices.genicam import GenicamCamera, genicam_cameras
-
-    for found in genicam_cameras():
-        words = f"genicam:{found.identifier}"
+def _named(
+    kind: str, identifiers: Iterable[str], opened: Callable[[str], Camera]
+) -> Iterator[ListedDevice]:
+    """Cameras of a library, each with what it can do, or with why it cannot be opened."""
+    for identifier in identifiers:
+        words = f"{kind}:{identifier}"
         try:
-            with GenicamCamera(found.identifier) as camera:
+            with opened(identifier) as camera:
                 yield ListedDevice(words, f"{camera.name}, {described(camera.limits())}")
         except DeviceProblem as problem:
             yield ListedDevice(words, str(problem), usable=False)
+
+
+def _genicams() -> Iterator[ListedDevice]:
+    from fringeworks.devices.genicam import GenicamCamera, genicam_cameras
+
+    yield from _named("genicam", (c.identifier for c in genicam_cameras()), GenicamCamera)
 
 
 @registering(CAMERA_KINDS, "camera", "genicam", _genicams)
@@ -121,13 +128,7 @@ def _gentls() -> Iterator[ListedDevice]:
     from fringeworks.devices.gentl import GentlCamera
     from fringeworks.devices.gentl_system import gentl_cameras
 
-    for found in gentl_cameras():
-        words = f"gentl:{found.identifier}"
-        try:
-            with GentlCamera(found.identifier) as camera:
-                yield ListedDevice(words, f"{camera.name}, {described(camera.limits())}")
-        except DeviceProblem as problem:
-            yield ListedDevice(words, str(problem), usable=False)
+    yield from _named("gentl", (c.identifier for c in gentl_cameras()), GentlCamera)
 
 
 @registering(CAMERA_KINDS, "camera", "gentl", _gentls)

@@ -224,10 +224,8 @@ class LineEvidence:
         known, bend = self._known(maps), self._bend([maps])
         if np.count_nonzero(bend[known] >= 1.0) > JUMPS * np.count_nonzero(known):
             return True
-        if len(self.decoding.sets) > 1:
-            apart = float(np.mean(self._apart(self.decoding, maps)[self.triples]))
-            if apart > LEAST_APART:
-                return True
+        if "apart" in maps and float(np.mean(maps["apart"][self.triples])) > LEAST_APART:
+            return True
         rough = [float(np.mean(part[self.triples])) for part in (cost, maps.get("astray", cost))]
         return max(rough) > ROUGH or self._rough_bit(maps["coordinate"], bend, known)
 
@@ -273,7 +271,7 @@ class LineEvidence:
             np.ascontiguousarray(shuffled.get(k, self.lines[k])) for k in self.decoding.frames
         ]
         others = decode_sample(self.decoding.free, planes, self.noise, self.limits.open)
-        present = float(np.mean(self._apart(self.decoding, maps)[self.triples]))
+        present = float(np.mean(maps["apart"][self.triples]))
         unrelated = float(np.mean(self._apart(self.decoding, others)))
         return present > max(UNRELATED_SETS * unrelated, LEAST_APART)
 
@@ -349,7 +347,8 @@ class LineEvidence:
             maps[0]["astray"] = astray = astray[:, 1:-1]
             cost = cost + ASTRAY * astray
         if len(decoding.sets) > 1:
-            cost = cost + self._apart(decoding, maps[0])
+            maps[0]["apart"] = self._apart(decoding, maps[0])
+            cost = cost + maps[0]["apart"]
         start = 0
         for phases in decoding.sets:
             planes = options[0][start : start + len(phases.frames)]

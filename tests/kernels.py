@@ -75,6 +75,11 @@ def results():
     # Noise takes the margin of two sets: neighbours vote.
     two = multi((1, 16), 3, (300, 40))
     found.append(fw.decode(take(two, a=60.0, b=30.0, noise=3.0), two))
+    # Gray-code cells of a whole period: neighbours tell the orders at their ends.
+    steps = fw.patterns.PhaseSteps("x", 30.0, fw.patterns.equal_steps(4))
+    blocks = (steps, fw.patterns.GrayCode("x", 30.0, 300, inverse=True))
+    coded = fw.PatternPlan(300, 40, blocks)
+    found.append(fw.decode(take(coded, a=60.0, b=30.0, noise=4.0), coded))
     # Blur beside paint shifts coordinates; a step of depth mixes them.
     column = np.add.outer(np.zeros(90), 1.3 * np.arange(120)) + 40.0 * (np.arange(90)[:, None] > 60)
     paint = np.where((np.arange(120) // 9) % 2, 0.3, 1.0) * np.ones((90, 1))

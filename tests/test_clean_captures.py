@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 import fringeworks as fw
 from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
@@ -85,3 +86,40 @@ def test_sharp_lines_are_in_order(period, steps, line, light):
         swapped[[k, k + 1]] = swapped[[k + 1, k]]
         with pytest.raises(fw.InputError):
             fw.decode(swapped, plan)
+
+
+def strips(offset_px, width_px, seed):
+    """Frames of strips on a plane, within one stripe of the first bit, in weak light."""
+    rng, finer, shape = np.random.default_rng(seed), 3, (200, 300)
+    blocks = (PhaseSteps("x", 32.0, equal_steps(4)), GrayCode("x", 32.0, 530, inverse=True))
+    plan = fw.PatternPlan(530, 64, blocks)
+    v, u = np.mgrid[: shape[0] * finer, : shape[1] * finer] / finer
+    strip = ((u + 0.3 * v) // width_px) % 3 == 1
+    columns = 30.0 + 1.5 * u + 0.05 * v + offset_px * strip
+    frames = []
+    for block in plan.blocks:
+        for k in range(block.frames):
+            light = np.where(strip, 120.0, 108.0) * block.values(columns, k)
+            light = gaussian_filter(light, 0.6 * finer)
+            light = light.reshape(shape[0], finer, shape[1], finer).mean(axis=(1, 3))
+            counts = 20.0 + light + 6.0 * rng.standard_normal(shape)
+            frames.append(np.clip(np.rint(counts), 0, 255).astype(np.uint8))
+    return frames, plan, columns[1::finer, 1::finer]
+
+
+@pytest.mark.parametrize(("offset_px", "width_px", "seed"), [(10.0, 4.0, 2), (12.0, 8.0, 2)])
+def test_a_bit_that_is_dark_everywhere_and_its_inverse_bright_is_in_order(
+    offset_px, width_px, seed
+):
+    frames, plan, _ = strips(offset_px, width_px, seed)
+    assert (fw.decode(frames, plan).x.reason == 0).mean() > 0.75
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_surface_of_ridges_is_not_dark(seed):
+    """Ridges of 6 px in all windows look like scatter, which says nothing of the light."""
+    frames, plan, columns = strips(7.0, 6.0, seed)
+    found = fw.decode(frames, plan).x
+    ok = found.reason == 0
+    assert ok.mean() > 0.8
+    assert np.mean(np.abs(found.coordinate_px - columns)[ok] > 16.0) < 1e-4

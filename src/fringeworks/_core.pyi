@@ -63,6 +63,7 @@ __all__ = [
     "typical_step",
     "unwrap_reliability",
     "version",
+    "vote_cells",
     "vote_orders",
     "wall_sides",
     "warp_windowed",
@@ -522,6 +523,21 @@ class _VoteRules(TypedDict):
     largest_misfit: float
     own_doubt: float
     usual_misfit: tuple[float, float]
+
+class _CellRules(TypedDict):
+    radius: int
+    ahead: int
+    others: float
+    continued: float
+
+def vote_cells(settings: DecodeSettings, maps: dict[str, Any], rules: _CellRules) -> int:
+    """Fringe orders of ambiguous pixels by the Gray-code cells of their neighbours; number of
+    changes.
+
+    ``maps`` has ``coordinate``, ``sigma`` and ``reason``, which are changed, the lists ``phases``
+    (rad) and ``variances`` (rad²) with one (h, w) array each, and the list ``cells`` with the
+    middle and the half width (px) of the range that the bits of every pixel leave.
+    """
 
 def vote_orders(settings: DecodeSettings, maps: dict[str, Any], rules: _VoteRules) -> int:
     """Fringe orders of ambiguous pixels by the phases of their neighbours; number of changes.

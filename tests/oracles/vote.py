@@ -12,6 +12,8 @@ OWN_LIGHT = 0.25
 SCATTER_SIGMAS = 4.0
 MOST_SCATTER = 2.0
 LEAST_PIXELS = 4
+CELL_SIGMAS = 2.0
+MOST_ORDERS = 4
 SAMPLED_ROWS = 4
 UNDECIDED = -(2**31)
 TURN = 2.0 * np.pi
@@ -183,3 +185,39 @@ class Votes:
         takes = (decided == UNDECIDED) & self.lit & ~self.borrowed() & even & offered
         takes &= (others <= rules["near_error_rate"]) & self.allows(order, rules["own_doubt"])
         return np.where(takes, order, decided)
+
+    def cell_orders(self, cells, known, asked, slack, rules):
+        """Orders of the ``asked`` pixels that the Gray-code cells of their windows have in common;
+        ``cells`` are the middles and half widths of all, px, and ``known`` the orders of measured
+        pixels. ``slack`` is how far from its cell a coordinate may lie besides noise, px."""
+        sigma = np.sqrt(self.variances[self.finest]) / TURN * self.period
+        low, high = self.orders_in(cells, CELL_SIGMAS * sigma)
+        has = known != UNDECIDED
+        low, high = np.where(has, known, low), np.where(has, known, high)
+        own_low, own_high = self.orders_in(cells, slack + 3.0 * sigma)
+        own = own_low[..., None] + np.arange(MOST_ORDERS)
+        votes, total, going, lit = 0, 0, 0, 0
+        for down, right in around(rules["radius"]):
+            whole, continues = self.turns_to(down, right)
+            going = going + continues
+            lit = lit + moved(self.lit.astype(int), down, right, 0)
+            if down or right:
+                first, last = (moved(v, down, right, np.nan) - whole for v in (low, high))
+                counts = continues & np.isfinite(first)
+                total = total + counts
+                agree = (own >= first[..., None]) & (own <= last[..., None])
+                votes = votes + (counts[..., None] & agree)
+        votes = np.where(own <= own_high[..., None], votes, 0)
+        best, second = np.sort(votes, axis=-1)[..., :-3:-1].transpose(2, 0, 1)
+        takes = asked & self.lit & np.isfinite(own_low) & ~self.borrowed()
+        takes &= total - best <= rules["others"] * total
+        takes &= (best - second >= rules["ahead"]) & (going >= rules["continued"] * lit)
+        return np.where(takes, own_low + votes.argmax(axis=-1), UNDECIDED)
+
+    def orders_in(self, cells, slack):
+        """First and last order whose coordinate lies in the cell; NaN where there are too many."""
+        middle, half = cells
+        low = np.ceil((middle - half - slack) / self.period - self.fine)
+        high = np.floor((middle + half + slack) / self.period - self.fine)
+        some = self.lit & np.isfinite(middle) & (low <= high) & (high - low < MOST_ORDERS)
+        return np.where(some, low, np.nan), np.where(some, high, np.nan)

@@ -198,6 +198,7 @@ pub struct Maps<'py> {
     phases: Vec<PyReadwriteArray2<'py, f32>>,
     modulations: Vec<PyReadwriteArray2<'py, f32>>,
     variances: Vec<PyReadwriteArray2<'py, f32>>,
+    cells: Vec<PyReadwriteArray2<'py, f32>>,
     disagreement: Option<PyReadwriteArray2<'py, f32>>,
     inflation: Option<PyReadonlyArray2<'py, f32>>,
 }
@@ -222,6 +223,11 @@ impl Maps<'_> {
                 .collect::<PyResult<_>>()?,
             variances: self
                 .variances
+                .iter_mut()
+                .map(rows_of_mut)
+                .collect::<PyResult<_>>()?,
+            cells: self
+                .cells
                 .iter_mut()
                 .map(rows_of_mut)
                 .collect::<PyResult<_>>()?,

@@ -67,7 +67,7 @@ mod _core {
     #[pymodule_export]
     use super::vertices::pack_vertices;
     #[pymodule_export]
-    use super::vote::vote_orders;
+    use super::vote::{vote_cells, vote_orders};
     #[pymodule_export]
     use super::windowed::{
         invert_windowed, relocate_surfaces, smooth_within_walls, wall_sides, warp_windowed,

@@ -31,6 +31,59 @@ pub struct Rules {
     usual_misfit: [f32; 2],
 }
 
+/// Maps that the cells of neighbours decide.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct CellMaps<'py> {
+    coordinate: PyReadwriteArray2<'py, f32>,
+    sigma: PyReadwriteArray2<'py, f32>,
+    reason: PyReadwriteArray2<'py, u8>,
+    phases: [PyReadonlyArray2<'py, f32>; 1],
+    variances: [PyReadonlyArray2<'py, f32>; 1],
+    cells: [PyReadonlyArray2<'py, f32>; 2],
+}
+
+/// When the cells of neighbours decide, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct CellRules {
+    radius: usize,
+    ahead: usize,
+    others: f32,
+    continued: f32,
+}
+
+/// Decide ambiguous fringe orders by the cells of neighbours; returns the number of changed pixels.
+#[pyfunction]
+pub fn vote_cells(
+    py: Python<'_>,
+    settings: &DecodeSettings,
+    mut maps: CellMaps<'_>,
+    rules: CellRules,
+) -> PyResult<usize> {
+    let [phase, variance] = [&maps.phases[0], &maps.variances[0]];
+    let phase = (image_of(phase)?, image_of(variance)?);
+    let cells = vote::Cells {
+        middle: image_of(&maps.cells[0])?,
+        half_width: image_of(&maps.cells[1])?,
+    };
+    let out = Measured {
+        coordinate: image_of_mut(&mut maps.coordinate)?,
+        sigma: image_of_mut(&mut maps.sigma)?,
+        reason: image_of_mut(&mut maps.reason)?,
+    };
+    let rules = vote::CellRules {
+        radius: rules.radius,
+        ahead: rules.ahead,
+        others: rules.others,
+        continued: rules.continued,
+    };
+    let settings = &settings.inner;
+    detached(py, || {
+        vote::vote_cells(settings, phase, &cells, &rules, out)
+    })
+}
+
 /// Let neighbours vote on the fringe orders of ambiguous pixels; returns the number of changed pixels.
 #[pyfunction]
 pub fn vote_orders(

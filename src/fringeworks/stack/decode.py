@@ -38,7 +38,7 @@ from fringeworks.stack.kernel_settings import (
     reused_maps,
 )
 from fringeworks.stack.local_errors import inflation
-from fringeworks.stack.neighbours import vote
+from fringeworks.stack.neighbours import maps_of_votes, vote
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.refine import Refined
 from fringeworks.stack.refusal import refuse_nothing_measured, saturation_first
@@ -270,9 +270,8 @@ def measure_axis(
     if found.uneven:
         results["disagreement"] = np.empty(planes[0].shape, np.float32)
     if found.votes:
-        phases, variances = np.empty((2, len(decoding.sets), *planes[0].shape), np.float32)
-        results["phases"] = results["phases"] or list(phases)
-        results["variances"] = list(variances)
+        needed = maps_of_votes(decoding, planes[0].shape)
+        results.update(needed | {"phases": results["phases"] or needed["phases"]})
     kernel = kernel or decoding.kernel(noise, limits)
     in_bands(planes, results, partial(_run, kernel))
     if found.uneven:

@@ -152,7 +152,11 @@ class GrayFrames:
         return ALIEN_SHARE_OF_FRINGES
 
     def kernel(
-        self, place: dict[int, int], period_px: float, reach_px: float | None
+        self,
+        place: dict[int, int],
+        period_px: float,
+        reach_px: float | None,
+        shifted_px: float = 0.0,
     ) -> _core._GrayCode:
         """Settings for the kernel.
 
@@ -165,6 +169,9 @@ class GrayFrames:
         reach_px : float, optional
             Largest distance of a coordinate from the middle of its cell, projector px;
             ``GRAY_REACH`` cells where not given.
+        shifted_px : float
+            Error of the phases that is no noise, projector px: a coordinate one period away must
+            keep it from the cell, too.
         """
         usual = GRAY_REACH * self.step_px
         reach = usual if reach_px is None else reach_px
@@ -189,7 +196,7 @@ class GrayFrames:
             "blurred": max(self.blurred_px, BLUR_FLOOR * self.step_px),
             "slack": reach - 0.5 * self.step_px,
             # Without a limit of the reach, any coordinate is accepted.
-            "guard": GRAY_GUARD * self.step_px if np.isfinite(reach) else -reach,
+            "guard": GRAY_GUARD * self.step_px + shifted_px if np.isfinite(reach) else -reach,
             "confidence": ORDER_SIGMAS,
         }
 

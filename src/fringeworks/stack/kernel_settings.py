@@ -34,6 +34,11 @@ Noise alone has a modulation of one to two standard deviations, and exceeds four
 pixels (Rayleigh distribution). A larger value would discard weak fringes that can still be used.
 """
 
+LEAST_SNR = 2.0
+"""The same against all that scatters along smooth lines, too. Phase errors of up to 0.5 rad still
+have the variance that follows from it, to 10 %; below, they are no longer those of a normal
+distribution."""
+
 SEAM_SIGMAS = 3.0
 """Largest distance of a coordinate beyond the range or its Gray-code cell, in standard deviations.
 
@@ -189,6 +194,13 @@ class Decoding:
         return 0.5 * self.finest_px
 
     @property
+    def _start_error_px(self) -> float:
+        """Error that is no noise of the rounding from a Gray-code cell, projector px."""
+        if self.chain is None or not self.order_errors or self.chain.remainder[0] != 0:
+            return 0.0
+        return self.order_errors[0] * self.longest_px
+
+    @property
     def free(self) -> Decoding:
         """The decoding with coordinates at any distance from their Gray-code cell."""
         return replace(self, reach_px=float("inf"))
@@ -223,7 +235,7 @@ class Decoding:
             sets=[phases.kernel(place) for phases in self.sets],
             gray_code=None
             if self.gray is None
-            else self.gray.kernel(place, self.longest_px, self.reach_px),
+            else self.gray.kernel(place, self.longest_px, self.reach_px, self._start_error_px),
             chain=self._kernel_chain(),
             noise={
                 "read_variance": noise.read_counts**2 * self.noise_factor,
@@ -231,7 +243,8 @@ class Decoding:
             },
             limits={
                 "saturation": limits.threshold,
-                "min_snr": MIN_SNR,
+                # Fringes are seen against the noise of the camera alone.
+                "min_snr": max(MIN_SNR / self.noise_factor**0.5, LEAST_SNR),
                 "min_modulation": limits.min_modulation,
                 "max_disagreement": largest,
                 "usual_inflation": usual_inflation,
@@ -259,8 +272,10 @@ class Decoding:
         if chain is None:
             return found
         lost = np.array(self.order_errors or 0.0)
-        # Where the first combination can wrap, the estimate of every pixel decides alone.
-        tolerance = np.where(chain.wraps, np.inf, np.maximum(chain.tolerance - lost, 0.0))
+        # Where the first combination can wrap, or starts from a Gray code, the estimate of every
+        # pixel decides alone.
+        alone = chain.wraps | ((chain.remainder == 0) & (self.gray is not None))
+        tolerance = np.where(alone, np.inf, np.maximum(chain.tolerance - lost, 0.0))
         alternative = np.maximum(chain.alternative - lost, 0.0)
         return {
             **found,
@@ -362,6 +377,7 @@ def empty_maps(
         "phases": list(phases),
         "modulations": list(modulations),
         "variances": [],
+        "cells": [],
         "disagreement": np.empty(shape, np.float32) if disagreement else None,
         "inflation": None,
     }
@@ -403,6 +419,7 @@ def reused_maps(earlier: Decoded, axis: Axis) -> dict[str, Any]:
         "phases": [],
         "modulations": [],
         "variances": [],
+        "cells": [],
         "disagreement": None,
         "inflation": None,
     }

@@ -10,7 +10,7 @@ from fringeworks import _core
 from fringeworks.patterns.order_chain import TURN, separation
 from fringeworks.stack.kernel_settings import Decoding, lit_pixels
 from fringeworks.statistics.chi_square import chi_square_quantile
-from fringeworks.types import Reason
+from fringeworks.types import FloatMap, Reason
 
 WORTH_VOTING = 0.1
 """Share of the lit pixels with an ambiguous order from which on neighbours vote. Edges and light of
@@ -39,6 +39,28 @@ judged by its next neighbours, so a strict test loses nothing."""
 MOST_RADIUS = 7
 """Largest distance of a window's edge from its middle, px, that the kernel allows."""
 
+CELLS_RADIUS = 7
+"""Distance from the middle of the window whose Gray-code cells are compared to its edges, px: the
+largest that the kernel allows. A window reaches from the end of a cell to its middle on surfaces of
+up to 15 px per cell."""
+
+CELLS_AHEAD = 8
+"""By how many more pixels of a window the order must be allowed than any other. Four would do if
+the cells of neighbours were in error independently, each of them one in 20; a second surface in the
+window puts several in error at once."""
+
+CELLS_OTHERS = 0.05
+"""Share of the pixels of a window whose cells may contradict the order. Noise takes one in 20 of
+those next to the end of a cell beyond two standard deviations of it, and few are next to it."""
+
+CELLS_CONTINUED = 0.7
+"""Share of the lit pixels of a window that must continue the phase of its middle. On one surface
+all do but those beyond strong curvature; beside a depth step, half do. Empirical."""
+
+WORTH_ASKING = 0.01
+"""Share of the lit pixels with an ambiguous order from which on the cells of neighbours decide.
+Fewer are those of edges, which are not worth a second look at all pixels."""
+
 SPARSE = 2.0
 """Pixels of a window per pixel that the vote needs: shadows and edges take some of them."""
 
@@ -54,29 +76,53 @@ def worth_voting(decoding: Decoding, results: dict[str, Any]) -> bool:
     decoding : Decoding
     results : the kernel's maps
     """
-    if len(decoding.sets) < 2 or decoding.gray is not None:
+    if decoding.gray is not None:
+        return len(decoding.sets) == 1 and _ambiguous(results) > WORTH_ASKING
+    if len(decoding.sets) < 2:
         return False
     if decoding.order_errors and min(decoding.order_errors) >= UNKNOWN_TURNS:
         return False
+    return _ambiguous(results) > WORTH_VOTING
+
+
+def _ambiguous(results: dict[str, Any]) -> float:
+    """Share of the lit pixels with an ambiguous order."""
     ambiguous = int(np.count_nonzero(results["reason"] == Reason.ORDER_AMBIGUOUS))
-    lit = int(np.count_nonzero(lit_pixels(results)))
-    return ambiguous > WORTH_VOTING * lit
+    return ambiguous / max(1, int(np.count_nonzero(lit_pixels(results))))
+
+
+def maps_of_votes(decoding: Decoding, shape: tuple[int, int]) -> dict[str, list[FloatMap]]:
+    """New arrays that ``vote`` needs beside the kernel's usual maps."""
+    sets, cells = len(decoding.sets), 0 if decoding.gray is None else 2
+    phases, variances = np.empty((2, sets, *shape), np.float32)
+    ranges = np.empty((cells, *shape), np.float32)
+    return {"phases": list(phases), "variances": list(variances), "cells": list(ranges)}
 
 
 def vote(decoding: Decoding, kernel: _core.DecodeSettings, results: dict[str, Any]) -> None:
-    """Decide ambiguous orders by the phases of neighbours, in place.
+    """Decide ambiguous orders by the phases of neighbours, or by their Gray-code cells, in place.
 
     Parameters
     ----------
     decoding : Decoding
     kernel : settings that the results were decoded with
-    results : the kernel's maps, with the phases of all sets and their variances
+    results : the kernel's maps, with those of ``maps_of_votes``
 
     Notes
     -----
     A window of n pixels of one surface has the noise of one phase over √n. The window is as large
-    as the distance between two orders demands at the noise of the ambiguous pixels.
+    as the distance between two orders demands at the noise of the ambiguous pixels. With a Gray
+    code, the right order is the one that the cells of all pixels of a window have in common.
     """
+    if decoding.gray is not None:
+        cells: _core._CellRules = {
+            "radius": CELLS_RADIUS,
+            "ahead": CELLS_AHEAD,
+            "others": CELLS_OTHERS,
+            "continued": CELLS_CONTINUED,
+        }
+        _core.vote_cells(kernel, results, cells)
+        return
     freedom = len(decoding.sets) - 1
     rules: _core._VoteRules = {
         "radius": _radius(decoding, results),

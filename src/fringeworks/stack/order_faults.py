@@ -262,6 +262,8 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
     for first, block in plan.placed:
         for k in range(first, first + block.frames):
             if isinstance(block, GrayCode) and _empty(evidence, k):
+                if block.inverse and _opposite(evidence, k, first + ((k - first) ^ 1)):
+                    continue  # the scene lies in one stripe of this bit
                 order = Order((*every[:k], None, *every[k + 1 :]))
                 yield Hypothesis(order, "empty", f"frame {_no_pattern_in_words(labels[k])}")
     for first, block in plan.placed:
@@ -375,6 +377,12 @@ def _bent(shifts_rad: tuple[float, ...], step: int) -> float:
 
 def _empty(evidence: Evidence, frame: int) -> bool:
     return all(found.uniform(frame) for found in evidence.values())
+
+
+def _opposite(evidence: Evidence, frame: int, other: int) -> bool:
+    """Whether one of two frames is dark, the other bright, all over the lines."""
+    bright = [{quantile(f.shares(k), 0.5) > 0.5 for f in evidence.values()} for k in (frame, other)]
+    return _empty(evidence, other) and bright[0] != bright[1]
 
 
 def _no_pattern_in_words(label: str) -> str:

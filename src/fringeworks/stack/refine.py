@@ -182,7 +182,7 @@ def _compared(
     """What was found, with what neighbours along the lines show."""
     decoding, findings, light = found.decoding, found.findings, Light.of(maps)
     coordinate, sigma, votes = maps["coordinate"], maps["sigma"], worth_voting(decoding, maps)
-    if votes:  # neighbours are compared by the finest phases alone
+    if votes and decoding.gray is None:  # neighbours are compared by the finest phases alone
         coordinate, sigma = _by_finest(decoding, maps, known)
     fringes = fringes_of(decoding)
     steps = has_steps(coordinate, **fringes)

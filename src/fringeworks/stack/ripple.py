@@ -85,7 +85,8 @@ fringes. A crease that crosses all lines at the same place looks like a ripple t
 its scatter is known to 40 %."""
 
 SIGNIFICANT_AMPLITUDE = 5.0
-"""Amplitude of a ripple in standard errors from which on it counts as seen."""
+"""Amplitude of a ripple in standard errors from which on it counts as seen, where the errors are
+known: noise exceeds it in one of 270,000 stacks."""
 
 SURE = 2.0
 """Errors of a ripple, rms over the phases, that it must exceed to be taken out or to count."""
@@ -126,6 +127,8 @@ class Ripple:
     """The same at pixels of rising brightness A + B, counts; none where all are alike."""
     places: int = MIN_PLACES
     """Number of places along the lines that it was seen at."""
+    freedom: float = float("inf")
+    """Degrees of freedom of the errors: two for every place but one."""
 
     @property
     def rms_rad(self) -> float:
@@ -155,7 +158,20 @@ class Ripple:
             return 0.0
         k = self.orders.index(order)
         z = complex(self.phasors_rad[k])
-        return z if abs(z) > SIGNIFICANT_AMPLITUDE * self.errors_rad[k] else 0.0
+        return z if abs(z) > significant_amplitude(self.freedom) * self.errors_rad[k] else 0.0
+
+
+def significant_amplitude(freedom: float) -> float:
+    """Amplitude, in standard errors, that noise exceeds as rarely as ``SIGNIFICANT_AMPLITUDE``
+    where the errors themselves have a few degrees of freedom ν only.
+
+    The squared amplitude is F-distributed with 2 and ν degrees of freedom: noise exceeds a standard
+    errors with a probability of (1 + a²/ν)^(-ν/2).
+    """
+    log_chance = -0.5 * SIGNIFICANT_AMPLITUDE**2
+    if np.isinf(freedom):
+        return SIGNIFICANT_AMPLITUDE
+    return float(np.sqrt(freedom * np.expm1(-2.0 * log_chance / freedom)))
 
 
 def measure_ripple(
@@ -221,6 +237,7 @@ def measure_ripple(
         # Orders that look alike at the phases of the pixels are known together only.
         error_rad=float(np.sum(covariance * normal.sum(axis=0)) / normal.shape[0] / length) ** 0.5,
         places=int(place.max()) + 1,
+        freedom=2.0 * max(int(place.max()), MIN_PLACES - 1),
     )
 
 

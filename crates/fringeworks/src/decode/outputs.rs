@@ -2,6 +2,9 @@
 
 use crate::{Error, check_length};
 
+/// Maps of one kind, one for each set.
+type Maps<'a> = Vec<&'a mut [f32]>;
+
 /// Output maps, each with one value per pixel of the frames.
 pub struct Outputs<'a> {
     /// Projector coordinate, px; NaN where not measured.
@@ -20,10 +23,18 @@ pub struct Outputs<'a> {
     pub modulations: Vec<&'a mut [f32]>,
     /// Variance of the phase of every set by noise, times the pixel's factor, rad²; or no maps.
     pub variances: Vec<&'a mut [f32]>,
+    /// Middle and half width of the range that the Gray code leaves to every pixel, px, the middle NaN
+    /// where it leaves several; or no maps.
+    pub cells: Vec<&'a mut [f32]>,
     /// Disagreement of the sets, χ²; or empty.
     pub disagreement: &'a mut [f32],
     /// Read, not written: factor on the variances of the pixel's phases, ≥ 1; or empty.
     pub inflation: &'a [f32],
+}
+
+/// The first `n` pixels of all maps, and the rest.
+fn halves<'a>(maps: Maps<'a>, n: usize) -> (Maps<'a>, Maps<'a>) {
+    maps.into_iter().map(|map| map.split_at_mut(n)).unzip()
 }
 
 impl<'a> Outputs<'a> {
@@ -49,6 +60,7 @@ impl<'a> Outputs<'a> {
             phases: Vec::new(),
             modulations: Vec::new(),
             variances: Vec::new(),
+            cells: Vec::new(),
             disagreement: &mut [],
             inflation: &[],
         }
@@ -68,6 +80,12 @@ impl<'a> Outputs<'a> {
                 check_length("phases", map.len(), pixels)?;
             }
         }
+        if !self.cells.is_empty() {
+            check_length("cells", self.cells.len(), 2)?;
+        }
+        for map in &self.cells {
+            check_length("cells", map.len(), pixels)?;
+        }
         if !self.disagreement.is_empty() {
             check_length("disagreement", self.disagreement.len(), pixels)?;
         }
@@ -85,12 +103,10 @@ impl<'a> Outputs<'a> {
         let (modulation, modulation_rest) = part(self.modulation);
         let (background, background_rest) = part(self.background);
         let (reason, reason_rest) = self.reason.split_at_mut(n);
-        let halves = |maps: Vec<&'a mut [f32]>| -> (Vec<&'a mut [f32]>, Vec<&'a mut [f32]>) {
-            maps.into_iter().map(|map| map.split_at_mut(n)).unzip()
-        };
-        let (phases, phases_rest) = halves(self.phases);
-        let (modulations, modulations_rest) = halves(self.modulations);
-        let (variances, variances_rest) = halves(self.variances);
+        let (phases, phases_rest) = halves(self.phases, n);
+        let (modulations, modulations_rest) = halves(self.modulations, n);
+        let (variances, variances_rest) = halves(self.variances, n);
+        let (cells, cells_rest) = halves(self.cells, n);
         let (disagreement, disagreement_rest) = part(self.disagreement);
         let (inflation, inflation_rest) = self.inflation.split_at(n.min(self.inflation.len()));
         let first = Self {
@@ -102,6 +118,7 @@ impl<'a> Outputs<'a> {
             phases,
             modulations,
             variances,
+            cells,
             disagreement,
             inflation,
         };
@@ -114,6 +131,7 @@ impl<'a> Outputs<'a> {
             phases: phases_rest,
             modulations: modulations_rest,
             variances: variances_rest,
+            cells: cells_rest,
             disagreement: disagreement_rest,
             inflation: inflation_rest,
         };

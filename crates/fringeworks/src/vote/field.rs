@@ -274,6 +274,17 @@ impl<'a> Field<'a> {
         }
     }
 
+    /// Number of lit pixels of the window around a pixel.
+    pub fn lit_in_window(&self, y: usize, x: usize, radius: usize) -> usize {
+        let columns = x.saturating_sub(radius)..self.width.min(x + radius + 1);
+        let rows = y.saturating_sub(radius)..self.height.min(y + radius + 1);
+        rows.map(|v| {
+            let row = &self.lit[v * self.width..][columns.clone()];
+            row.iter().filter(|&&lit| lit).count()
+        })
+        .sum()
+    }
+
     /// Mean of the window around a pixel; none for a pixel that is not lit.
     pub fn mean(&self, y: usize, x: usize, radius: usize) -> Option<Mean> {
         if !self.lit[y * self.width + x] {
@@ -364,8 +375,13 @@ impl<'a> Field<'a> {
         others.map(|k| mean.variance[k]).sum::<f32>() / (self.sets - 1) as f32
     }
 
+    /// Standard deviation of a coordinate by noise of its finest phase, px.
+    pub fn sigma(&self, i: usize) -> f32 {
+        self.finest_variance(i).sqrt() / self.finest_frequency()
+    }
+
     /// By how much a coordinate may lie beyond the range, px.
     pub fn slack(&self, i: usize) -> f32 {
-        self.settings.limits.confidence * self.finest_variance(i).sqrt() / self.finest_frequency()
+        self.settings.limits.confidence * self.sigma(i)
     }
 }

@@ -15,12 +15,14 @@
 //! The finest phase does not show a step of a whole period. The other phases do: such a window fits no
 //! order, so no order crosses the step unseen.
 
+mod cells;
 mod field;
 mod orders;
 mod spread;
 
 use crate::decode::DecodeSettings;
 use crate::{Error, Image, ImageMut, Reason, check_length, check_shape, check_value};
+pub use cells::{CellRules, Cells, vote_cells};
 use field::Field;
 use rayon::prelude::*;
 use std::f32::consts::TAU;

@@ -232,7 +232,9 @@ fn place_words<'a, T: Sample>(
     for i in 0..n {
         let own = alien[i] == 0;
         place(code, &word_of(gray[i], doubt[i], own), true, i, out);
-        if out.coordinate[i].is_nan() && own {
+        // A weak bit in doubt may be far from its border.
+        let weak = out.half_width[i] >= code.step;
+        if (out.coordinate[i].is_nan() || weak) && own {
             let threshold = out.threshold[i];
             let off = |place: u32| distance(code, &line, threshold, place, i);
             if let Some((gray, doubt)) = settled(code, &off, i, out) {

@@ -242,6 +242,9 @@ fn write(sets: &[Fitted], block: &Block, out: &mut Outputs<'_>, here: Range<usiz
     if !out.disagreement.is_empty() {
         out.disagreement[here.clone()].copy_from_slice(&block.disagreement[..n]);
     }
+    for (map, cells) in (out.cells.iter_mut()).zip([&block.start, &block.gray.half_width]) {
+        map[here.clone()].copy_from_slice(&cells[..n]);
+    }
     for (map, fitted) in out.phases.iter_mut().zip(sets) {
         for (phase, turns) in map[here.clone()].iter_mut().zip(fitted.turns.iter()) {
             *phase = TAU * turns;

@@ -40,7 +40,9 @@ def take(
         down = isinstance(block, PhaseSteps | GrayCode) and block.axis == "y"
         for k in range(block.frames):
             light = albedo * (a + b * (2.0 * block.values((y if down else x) * 1.0, k) - 1.0))
-            seen = light + np.sqrt(noise**2 + gain * light) * rng.standard_normal(x.shape)
+            seen = light
+            if noise or gain:
+                seen = light + np.sqrt(noise**2 + gain * light) * rng.standard_normal(x.shape)
             if np.dtype(kind).kind == "u":
                 seen = np.clip(np.rint(seen), 0, np.iinfo(kind).max)
             frames.append(seen.astype(kind))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from functools import cache
 from pathlib import Path
@@ -66,6 +67,13 @@ def pytest_collection_modifyitems(items):
         if any(item.get_closest_marker(mark) for mark in ("statistical", "system"))
     }
     items.sort(key=lambda item: item.path not in slow)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_finish():
+    """What collection has made stays to the end: the garbage collector need not visit it again."""
+    gc.collect()
+    gc.freeze()
 
 
 @cache

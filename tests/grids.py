@@ -39,22 +39,33 @@ def _name(value: Any) -> str:
     return str(getattr(value, "__name__", value))
 
 
-def thinned(*, strength: int = 2, **axes: Mapping[str, Any] | Collection[Any]) -> Any:
+def thinned(
+    *, strength: int = 2, thorough: int = 0, **axes: Mapping[str, Any] | Collection[Any]
+) -> Any:
     """Parameters of a test over the whole grid; cases that the cover does without are long.
 
-    A test of two axes with a ``strength`` of 1 takes every value of each at least once. The values
-    of an axis are named by its keys, or by themselves.
+    A test of two axes with a ``strength`` of 1 takes every value of each at least once. Where each
+    case costs half a second, the cases that a cover with the larger strength of ``thorough`` needs
+    in addition are thorough. The values of an axis are named by its keys, or by themselves.
     """
     names = [list(a) if isinstance(a, Mapping) else [_name(v) for v in a] for a in axes.values()]
     values = [list(a.values()) if isinstance(a, Mapping) else list(a) for a in axes.values()]
-    quick = cover([len(v) for v in values], strength)
+    sizes = [len(v) for v in values]
+    quick = cover(sizes, strength)
+    more = cover(sizes, thorough) if thorough else set()
+
+    def marks(case: tuple[int, ...]) -> Any:
+        if case in quick:
+            return ()
+        return pytest.mark.thorough if case in more else pytest.mark.long
+
     cases = [
         pytest.param(
             *(v[k] for v, k in zip(values, case, strict=True)),
             id="-".join(n[k] for n, k in zip(names, case, strict=True)),
-            marks=() if case in quick else pytest.mark.long,
+            marks=marks(case),
         )
-        for case in product(*(range(len(v)) for v in values))
+        for case in product(*map(range, sizes))
     ]
     return pytest.mark.parametrize(tuple(axes), cases)
 

@@ -86,7 +86,7 @@ class Segment:
     """Light of one picture, from its time on."""
 
     from_s: np.ndarray
-    """(rows, columns) or scalar."""
+    """(rows, 1): a row changes at once."""
     grey: np.ndarray
     start: np.ndarray | None = None
     tau_s: np.ndarray | None = None
@@ -121,11 +121,14 @@ class LightProjector:
         light, self.turns = self.table
         mean = np.concatenate((np.zeros((256, 1)), np.cumsum(light, axis=1)), axis=1) / PHASES
         self.cumulative = mean
-        self.parity = (np.add.outer(np.arange(ROWS), np.arange(COLUMNS)) % 2) * (self.turns > 1)
+        self.parity = np.zeros((ROWS, 1))
+        if self.turns > 1:
+            self.parity = np.add.outer(np.arange(ROWS), np.arange(COLUMNS)) % 2
         black = np.zeros((ROWS, COLUMNS), int)
         light0 = np.zeros((ROWS, COLUMNS))
         one = np.ones((ROWS, COLUMNS))
-        self.shown = deque([Segment(-1e9 * one, black, light0, one * 1e-3, light0)], maxlen=240)
+        since = np.full((ROWS, 1), -1e9)
+        self.shown = deque([Segment(since, black, light0, one * 1e-3, light0)], maxlen=240)
         self.pending = deque()
 
     @property
@@ -137,7 +140,7 @@ class LightProjector:
         handed = (np.floor(self.clock.now_s() / period) + 1) * period
         late = self.rng.integers(0, self.jitter_refreshes + 1) * period
         rows = np.arange(ROWS)[:, None] / ROWS * period * self.raster
-        from_s = handed + self.delay_s + late + rows + np.zeros((1, COLUMNS))
+        from_s = handed + self.delay_s + late + rows
         from_s = np.maximum(from_s, self.shown[-1].from_s)
         grey = np.array(picture, int)
         if not self.crystal_s:
@@ -161,27 +164,30 @@ class LightProjector:
             from_s = from_s + period
         self.shown.append(Segment(from_s, grey, now, tau, target))
 
-    def light(self, from_s, until_s, rows, columns):
-        """Integral of the light of projector pixels over exposures, s."""
-        total = np.zeros(rows.shape)
+    def light(self, from_s, until_s, seen):
+        """Integral of the light of projector pixels over exposures, s.
+
+        Times are those of rows, (rows, 1); ``seen`` is a rectangle of pixels, as two slices.
+        """
+        total = np.zeros(self.shown[0].grey[seen].shape)
         first_s, last_s = float(from_s.min()), float(until_s.max())
-        ends = [s.from_s for s in list(self.shown)[1:]] + [np.full((ROWS, COLUMNS), 1e9)]
+        ends = [s.from_s for s in list(self.shown)[1:]] + [np.full((ROWS, 1), 1e9)]
         for one, end in zip(self.shown, ends, strict=True):
             if end[-1, 0] <= first_s or one.from_s[0, 0] >= last_s:
                 continue
-            start = np.maximum(from_s, one.from_s[rows, columns])
-            stop = np.minimum(until_s, end[rows, columns])
+            start = np.maximum(from_s, one.from_s[seen[0]])
+            stop = np.minimum(until_s, end[seen[0]])
             open_ = stop > start
             if not open_.any():
                 continue
             if self.crystal_s:
-                t0, tau = one.from_s[rows, columns], one.tau_s[rows, columns]
-                goal, first = one.asymptote[rows, columns], one.start[rows, columns]
+                t0, tau = one.from_s[seen[0]], one.tau_s[seen]
+                goal, first = one.asymptote[seen], one.start[seen]
                 slow = tau * (np.exp(-(start - t0) / tau) - np.exp(-(stop - t0) / tau))
                 part = goal * (stop - start) + (first - goal) * slow
             else:
-                grey = one.grey[rows, columns]
-                shift = self.parity[rows, columns]
+                grey = one.grey[seen]
+                shift = self.parity[seen if self.turns > 1 else seen[0]]
                 part = self._sum(stop, grey, shift) - self._sum(start, grey, shift)
             total += np.where(open_, part, 0.0)
         if self.warm_up:
@@ -195,8 +201,9 @@ class LightProjector:
         whole = np.floor(turns)
         place = (turns - whole) * PHASES
         at = np.minimum(place.astype(int), PHASES - 1)
-        below, above = self.cumulative[grey, at], self.cumulative[grey, at + 1]
-        return period * (whole * self.cumulative[grey, -1] + below + (above - below) * (place - at))
+        table, row = self.cumulative.ravel(), grey * (PHASES + 1)
+        below, above = table.take(row + at), table.take(row + at + 1)
+        return period * (whole * table.take(row + PHASES) + below + (above - below) * (place - at))
 
     def close(self):
         pass
@@ -245,8 +252,7 @@ class LightCamera:
 
     def __post_init__(self):
         self.rng = np.random.default_rng(self.seed + 1)
-        r, c = np.mgrid[: self.shape[0], : self.shape[1]]
-        self.rows, self.columns = r + 10, c + 20
+        self.seen = np.s_[10 : 10 + self.shape[0], 20 : 20 + self.shape[1]]
         self.reflects = np.ones(self.shape) if self.albedo is None else self.albedo
         self.settings = CameraSettings(
             self.exposure_ms, 0.0, Region(0, 0, *self.shape[::-1]), "Mono8", False
@@ -349,9 +355,9 @@ class LightCamera:
         return Grab(pixels, arrives, device, count)
 
     def _pixels(self, start_s):
-        from_s = start_s + self.line_s * np.arange(self.shape[0])[:, None] + 0.0 * self.rows
+        from_s = start_s + self.line_s * np.arange(self.shape[0])[:, None]
         until_s = from_s + self._exposure
-        light = self.projector.light(from_s, until_s, self.rows, self.columns)
+        light = self.projector.light(from_s, until_s, self.seen)
         turn = 2.0 * np.pi * 100.0
         room = self._exposure + self.mains * (np.sin(turn * until_s) - np.sin(turn * from_s)) / turn
         sent = (self.white * light + self.ambient * room) * self.reflects * 1e3 / self.reference_ms

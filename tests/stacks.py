@@ -34,13 +34,17 @@ def take(
 ) -> np.ndarray:
     """Frames (n, h, w) of albedo · (A + B · pattern) with noise; integers are rounded and clipped."""
     rng = np.random.default_rng(seed)
-    y, x = np.mgrid[: plan.height_px, : plan.width_px] if at is None else at
+    # Patterns change along one axis: one row or column of a whole picture says it all.
+    y, x = np.ogrid[: plan.height_px, : plan.width_px] if at is None else at
+    shape = np.broadcast_shapes(x.shape, y.shape)
     frames = []
     for block in plan.blocks:
         down = isinstance(block, PhaseSteps | GrayCode) and block.axis == "y"
         for k in range(block.frames):
             light = albedo * (a + b * (2.0 * block.values((y if down else x) * 1.0, k) - 1.0))
-            seen = light + np.sqrt(noise**2 + gain * light) * rng.standard_normal(x.shape)
+            seen = np.broadcast_to(light, shape)
+            if noise or gain:
+                seen = light + np.sqrt(noise**2 + gain * light) * rng.standard_normal(shape)
             if np.dtype(kind).kind == "u":
                 seen = np.clip(np.rint(seen), 0, np.iinfo(kind).max)
             frames.append(seen.astype(kind))

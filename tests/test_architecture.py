@@ -8,6 +8,7 @@ import importlib
 import inspect
 import re
 import typing
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -92,11 +93,20 @@ def without_annotations(whole: ast.Module) -> ast.Module:
     return ast.Module(body, whole.type_ignores)
 
 
+def statements(whole: ast.AST) -> Iterator[ast.stmt]:
+    """All statements of a file: a tenth of what ``ast.walk`` goes through."""
+    for field in ("body", "handlers", "orelse", "finalbody", "cases"):
+        for node in getattr(whole, field, ()):
+            if isinstance(node, ast.stmt):
+                yield node
+            yield from statements(node)
+
+
 def imports(path: Path, *, running: bool = False) -> list[tuple[str, str]]:
     """Modules and names that a file imports from the package, and other modules."""
     found = []
     whole = tree(path)
-    for node in ast.walk(without_annotations(whole) if running else whole):
+    for node in statements(without_annotations(whole) if running else whole):
         if isinstance(node, ast.Import):
             found += [(alias.name, "") for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module == "fringeworks":
@@ -144,7 +154,7 @@ def test_thorough_tests_exist():
     defined = {path.name for path in files} | {
         f"{path.name}::{node.name}"
         for path in files
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in statements(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.FunctionDef)
     }
     listed = (ROOT / "tests" / "thorough.txt").read_text(encoding="utf-8").split("\n")[:-1]

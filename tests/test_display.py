@@ -25,7 +25,7 @@ from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import Finding, Plotted, Reason, displayed
-from tests.rigs import board, observations
+from tests.rigs import calibrated
 from tests.surfaces import heights, plane_cloud
 
 DIVERGING = {"coolwarm"}
@@ -40,9 +40,8 @@ def stack():
     return rig, fw.Stack(list(photograph(look(rig, bust()), plan, Optics(seed=3))), plan)
 
 
-@cache
 def calibration():
-    return fw.calibrate(observations()[:4], board())
+    return calibrated(4)
 
 
 @cache

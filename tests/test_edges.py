@@ -88,7 +88,7 @@ def decoded(scene, name, blur_px, seed):
 
 @pytest.mark.statistical
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
-@thinned(name=list(PLANS), blur_px=[0.4, 0.8, 1.3], dark=[0.08, 0.3])
+@thinned(strength=1, thorough=2, name=list(PLANS), blur_px=[0.4, 0.8, 1.3], dark=[0.08, 0.3])
 def test_paint_hardly_shifts_coordinates(name, blur_px, dark, seed):
     scene = Scene(seed, dark=dark)
     found, column, sigma = decoded(scene, name, blur_px, seed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import weakref
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -59,15 +60,22 @@ def streamed(frames, plan):
     return decoder.result()
 
 
+@cache
+def native(plan, kind):
+    """Frames as numpy makes them, and what is found of them."""
+    frames = take(plan, kind=kind)
+    frames.setflags(write=False)
+    return frames, fw.decode(frames, plan), fw.stack.texture(frames, plan)
+
+
 @thinned(plan={"phases": PLAN, "gray": GRAY}, kind=KINDS, order="<>", layout=LAYOUTS)
 def test_stacks_of_every_type_order_and_stride(plan, kind, order, layout):
-    native = take(plan, kind=kind)
-    frames = layout(native.astype(np.dtype(kind).newbyteorder(order)))
+    plainly, expected, texture = native(plan, kind)
+    frames = layout(plainly.astype(np.dtype(kind).newbyteorder(order)))
     before = frames.copy()
-    expected = fw.decode(native, plan)
     assert fw.decode(frames, plan) == expected
     assert streamed(frames, plan) == expected
-    np.testing.assert_array_equal(fw.stack.texture(frames, plan), fw.stack.texture(native, plan))
+    np.testing.assert_array_equal(fw.stack.texture(frames, plan), texture)
     np.testing.assert_array_equal(fw.decode(fw.Stack(frames, plan)).x.sigma_px, expected.x.sigma_px)
     np.testing.assert_array_equal(frames, before)
 
@@ -89,13 +97,21 @@ PAIR_FUNCTIONS = {
 }
 
 
-@thinned(name=list(PAIR_FUNCTIONS), kind=KINDS, layout=LAYOUTS)
-def test_pairs_of_every_type_order_and_stride(name, kind, layout):
+@cache
+def native_pair(name, kind):
+    """A scene, its frames as numpy makes them, and what a function finds of them."""
     scene = standard_scene("parabola", size=64, fringes=6, bits=8, noise=1, seed=1)
     both = np.stack((scene.reference, scene.object)).astype(kind)
+    both.setflags(write=False)
+    expected = PAIR_FUNCTIONS[name](replace(scene, reference=both[0], object=both[1]))
+    return scene, both, expected
+
+
+@thinned(name=list(PAIR_FUNCTIONS), kind=KINDS, layout=LAYOUTS)
+def test_pairs_of_every_type_order_and_stride(name, kind, layout):
+    scene, both, expected = native_pair(name, kind)
     swapped = layout(both.astype(np.dtype(kind).newbyteorder(">")))
     function = PAIR_FUNCTIONS[name]
-    expected = function(replace(scene, reference=both[0], object=both[1]))
     # A pair that is not copied on the way: the frames are passed as they lie in memory.
     pair = replace(scene)
     object.__setattr__(pair, "reference", swapped[0])

@@ -73,7 +73,7 @@ def test_plans_of_others_decode(name, blur):
     assert found.failed_fraction < limit
 
 
-@thinned(name=list(PLANS), blur=[0.0, 0.5, 3.0], b=[100.0, 20.0, 12.0, 8.0])
+@thinned(strength=1, thorough=2, name=list(PLANS), blur=[0.0, 0.5, 3.0], b=[100.0, 20.0, 12.0, 8.0])
 def test_orders_are_right_or_missing(name, blur, b):
     """Sharp images, defocus that takes most of the modulation, and hardly any light."""
     plan, _ = PLANS[name]

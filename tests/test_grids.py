@@ -37,3 +37,15 @@ def test_cases_that_are_left_out_are_long():
     assert [c.id for c in cases[:2]] == ["a-<-min", "a-<-max"]
     assert {c.values for c in cases} == set(product((1, 2), "<>", (min, max)))
     assert sum(not c.marks for c in cases) == 4
+
+
+def test_a_stronger_cover_is_thorough():
+    axes = {"kind": "abc", "order": "<>", "layout": [1, 2, 3, 4]}
+    _, cases = thinned(strength=1, thorough=2, **axes).mark.args
+    names = [c.marks[0].name if c.marks else "" for c in cases]
+    assert names.count("") == len(cover((3, 2, 4), 1))
+    run = {tuple(c.values) for c, name in zip(cases, names, strict=True) if name != "long"}
+    for some in combinations(range(3), 2):
+        assert len({tuple(values[k] for k in some) for values in run}) == len(
+            set(product(*(list(axes.values())[k] for k in some)))
+        )

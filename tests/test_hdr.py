@@ -24,7 +24,7 @@ from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import truth_distance
 from fringeworks.types import CameraSettings, DeviceProblem, Reason
-from tests.grids import quick
+from tests.grids import quick, thinned
 from tests.hdr_scene import RIG, glossy_view, hdr_bench, hdr_plan
 from tests.virtual_devices import Interrupting, Screen, bench, plan
 
@@ -264,8 +264,7 @@ SENSORS = {
 }
 
 
-@pytest.mark.parametrize("sensor", SENSORS)
-@pytest.mark.parametrize("name", HALF_PLANS)
+@thinned(strength=1, thorough=2, name=list(HALF_PLANS), sensor=list(SENSORS))
 def test_an_exposure_that_saturates_the_white_half_measures_the_dark_one(name, sensor):
     """Saturated pixels blame neither order nor steps, whatever the sensor's limit is."""
     shown = PatternPlan(352, 64, HALF_PLANS[name])

@@ -35,7 +35,7 @@ def worst(camera, frames, plan=PLAN):
     """Largest count by which a frame differs from the light of its picture, over its noise."""
     found = 0.0
     for number, picture in enumerate(encode(plan)):
-        light = camera.white * picture[camera.rows, camera.columns] / 255.0 + camera.ambient
+        light = camera.white * picture[camera.seen] / 255.0 + camera.ambient
         expected = 255.0 * light * camera.settings.exposure_ms / camera.reference_ms
         noise = np.sqrt(camera.noise**2 + camera.shot * expected + 1 / 12)
         # Means over rows: a trace of another picture stands out of the noise of single pixels.

@@ -14,6 +14,7 @@ from fringeworks.simulate.bodies import Body, Sphere
 from fringeworks.views.poses import carried, from_twist, twist
 from fringeworks.views.registration import register
 from fringeworks.views.surface_points import surface_points
+from tests.surfaces import plane_cloud
 from tests.turntable import (
     TurntableErrors,
     board_on_table,
@@ -147,9 +148,9 @@ def test_the_command_merges_files(tmp_path):
     ],
 )
 def test_options_that_do_not_belong_together(options, message):
-    _, clouds = views("bust", (0.0, 30.0), 0)
+    # Options are looked at before the points.
     with pytest.raises(fw.InputError, match=message):
-        fw.merge(clouds, **options)
+        fw.merge([plane_cloud()] * 2, **options)
 
 
 def test_the_command_writes_a_closed_mesh(tmp_path):

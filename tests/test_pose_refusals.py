@@ -22,7 +22,7 @@ from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body
 from fringeworks.stack.even_light import texture
 from fringeworks.stack.frames import Stack
-from tests.rigs import board, observations, poses, shoot
+from tests.rigs import board, observation, observations, poses, shoot
 
 pytestmark = pytest.mark.statistical
 
@@ -109,7 +109,7 @@ def test_a_refused_pose_is_taken_again(monkeypatch, tmp_path):
     names = iter(["dim1", "pose0"])
     monkeypatch.setattr(live_calibration, "take", lambda _, path, *__, **___: path)
     monkeypatch.setattr(live_calibration, "read_stack", lambda _: stack_of(next(names)))
-    one = replace(observations()[0], found=without(observations()[0].found, 60), unread="too dim")
+    one = replace(observation(0), found=without(observation(0).found, 60), unread="too dim")
     monkeypatch.setattr(boards, "observe", lambda *_, **__: one)
     taker, bench = PoseTaker(tmp_path, board()), SimpleNamespace(plan=PLAN)
     taken = taker.take(bench)

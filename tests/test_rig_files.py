@@ -30,7 +30,7 @@ def same(a, b, *, covariance=True):
 
 
 def test_toml_keeps_everything(tmp_path):
-    found = calibrated().rig
+    found = calibrated(4).rig
     path = write_rig(tmp_path / "rig.toml", found)
     same(read_rig(path), found)
     text = path.read_text()
@@ -41,11 +41,11 @@ def test_toml_keeps_everything(tmp_path):
 
 
 def test_unknown_residuals_stay_unknown(tmp_path):
-    unknown = replace(calibrated().rig, residual_px=None)
+    unknown = replace(calibrated(4).rig, residual_px=None)
     for name in ("rig.toml", "rig.xml"):
         assert read_rig(write_rig(tmp_path / name, unknown)).residual_px is None
-    known = read_rig(write_rig(tmp_path / "known.toml", calibrated().rig))
-    assert known.residual_px == calibrated().rig.residual_px
+    known = read_rig(write_rig(tmp_path / "known.toml", calibrated(4).rig))
+    assert known.residual_px == calibrated(4).rig.residual_px
 
 
 @pytest.mark.parametrize("name", ["rig.xml", "rig.yml", "rig.yaml"])
@@ -226,7 +226,7 @@ def test_a_matrix_of_nine_rows_is_no_matrix_of_three(tmp_path):
 )
 def test_damaged_rig_files_are_named(tmp_path, old, new, message):
     path = tmp_path / "rig.toml"
-    path.write_text(format_rig(calibrated().rig).replace(old, new, 1))
+    path.write_text(format_rig(calibrated(4).rig).replace(old, new, 1))
     with pytest.raises(InputError, match=message) as caught:
         read_rig(path)
     assert str(path) in str(caught.value)

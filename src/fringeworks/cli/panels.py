@@ -20,8 +20,10 @@ PANELS = {
     "turntable turn distortion model align datum-point datum-plane fit-box reach-mm tolerance-mm "
     "scale in robot-pose poses-as",
     "Method": "live method option against denoise zero response estimate-response estimate-steps "
-    "relative phases unwrap contrast adjust kind min-period max-period camera-pixel robust",
-    "Output": "out capture ply figure panel no-title report json csv markdown timing force history",
+    "relative phases unwrap contrast adjust learn false-alarms kind min-period max-period "
+    "camera-pixel robust",
+    "Output": "out capture ply figure panel no-title report json csv markdown timing force history "
+    "watched",
 }
 """Names of options by panel. An option means the same in every command, so it has one panel."""
 FIRST = {
@@ -37,6 +39,7 @@ FIRST = {
     "reconstruct": "reference object method out figure",
     "response": "plan set camera-name projector-name out",
     "scan": "setup rig capture out hdr",
+    "watch": "rig watched learn false-alarms json",
     "simulate": "shape size noise bits out",
 }
 """The five options of every command with many that people use first."""

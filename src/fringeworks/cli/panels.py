@@ -10,7 +10,8 @@ MANY = 13
 """Number of options, ``--help`` among them, from which on they are listed in panels."""
 PANELS = {
     "Devices": "projector camera exposure-ms gain-db pixel-format",
-    "Frames": "frames auto-exposure hdr average fast most-saturated resume plan setup steps "
+    "Frames": "frames auto-exposure hdr average fast most-saturated resume until most-captures "
+    "plan setup steps "
     "set channels white-balance reference object black white mask background "
     "camera-name projector-name noise gain saturation min-modulation modulation",
     "Scene": "shape size height-mm fringes gamma bits ambient paint seed matrix",

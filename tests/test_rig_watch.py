@@ -191,6 +191,19 @@ def test_one_scan_that_differs_is_no_drift():
     assert verdicts(found, 4) == ["suspect", "holds", "holds", "holds"]
 
 
+def test_a_bad_scan_among_the_first_ones_is_left_out():
+    bad = fw.rig.epipolar_evidence(scan(520, knock(rotation_x=0.1)), calibrated(), name="bumped")
+    scans = [*clean(0, 10), bad, *clean(10, 19)]
+    knocked = [evidence(200 + k, knock(rotation_z=0.05), blur_px=0.6) for k in range(3)]
+    found = fw.rig.judge_scans(calibrated(), [*scans, *knocked])
+    assert found.verdict == "has moved"
+    (told,) = [one for one in found.findings if "first scans" in one.seen]
+    assert "bumped" in told.seen
+    good = fw.rig.judge_scans(calibrated(), clean(0, 22))
+    assert not any("first scans" in one.seen for one in good.findings)
+    assert max(found.noticeable["rotation x, degrees"], 0.0) < 0.03
+
+
 def test_blur_is_no_drift():
     """Scans that are blurred more than those that the rig was learnt from."""
     blurred = [evidence(k, blur_px=1.2) for k in range(700, 704)]

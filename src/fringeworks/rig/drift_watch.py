@@ -17,6 +17,7 @@ from fringeworks.rig.drift_words import (
     likely_causes,
     moved_finding,
     suspect_finding,
+    unusual_findings,
 )
 from fringeworks.rig.scan_evidence import MODES, EpipolarEvidence, drift_units
 from fringeworks.types import Finding, FloatMap, Frozen, InputError, Noted, Provenance, Rig
@@ -36,6 +37,9 @@ WINDOWS = (2, 3, 5, 10, 20)
 """Numbers of last scans that are judged together. Two and three find a knock soon, many a small
 one (window-limited likelihood ratios: T. L. Lai, J. R. Stat. Soc. B 57, 1995,
 doi:10.1111/j.2517-6161.1995.tb02052.x)."""
+MOST_LEFT_OUT = 2
+"""Largest number of first scans that are left out of the learning because they differ from the
+others. More of them are what is usual for this rig."""
 POWER = 0.9
 """Probability with which the smallest noticeable knock is found."""
 UNSEEN = 1e-6
@@ -121,13 +125,13 @@ def judge_scans(
     Notes
     -----
     Every scan says J δ for the deviation δ of the 24 parameters; what differs from scan to scan is
-    a random change of the modes. The first scans give the mean of δ, on the rig's covariance as its
-    prior, and the covariance of the random changes (docs/rig.md). The last m scans are combined by
-    their information. The square of the common change over its covariance is compared with the
-    quantile of Hotelling's distribution (H. Hotelling, Annals of Mathematical Statistics 2, 1931,
-    doi:10.1214/aoms/1177732979) whose probabilities for all windows sum to the stated rate. A rig
-    has moved where this holds without any one of these scans: a part that moved during one scan is
-    no drift.
+    a random change of the modes. The first scans, without up to two that differ, give the mean of
+    δ, with the rig's covariance as its prior, and the covariance of the random changes
+    (docs/control.md). The last m scans are combined by their information. The square of the common
+    change over its covariance is compared with the quantile of Hotelling's distribution (H.
+    Hotelling, Annals of Mathematical Statistics 2, 1931, doi:10.1214/aoms/1177732979) whose
+    probabilities for all windows sum to the stated rate. A rig has moved where this holds without
+    any one of these scans: a part that moved during one scan is no drift.
     """
     if not (isinstance(baseline, int) and baseline >= FEWEST_BASELINE):
         raise InputError(f"baseline: expected at least {FEWEST_BASELINE} scans, got {baseline}")
@@ -139,16 +143,42 @@ def judge_scans(
         note = (learning_finding(len(evidence), baseline),)
         modes = np.zeros((len(MODES), 0))
         return RigWatch(tuple(scans), baseline, false_alarms, modes, none, {}, note)
-    learnt = learn(rig, evidence[:baseline])
-    limit = _hotelling(learnt.modes.shape[1], learnt.freedom, 1e-3 * false_alarms / len(WINDOWS))
+    risk = 1e-3 * false_alarms / len(WINDOWS)
+    learnt, left_out = _learn_usual(rig, evidence[:baseline], risk)
+    limit = _hotelling(learnt.modes.shape[1], learnt.freedom, risk)
     said = [learnt.said(one) for one in evidence]
     for number in range(baseline, len(evidence)):
         scans.append(_judge(evidence[number], said[baseline : number + 1], learnt, limit))
     noticeable = _noticeable(rig, said[:baseline], learnt, limit)
-    told = (*_last_findings(rig, scans[-1], said, learnt), blind_finding(noticeable))
+    told = (
+        *_last_findings(rig, scans[-1], said, learnt),
+        *unusual_findings(left_out),
+        blind_finding(noticeable),
+    )
     return RigWatch(
         tuple(scans), baseline, false_alarms, learnt.modes, learnt.scatter, noticeable, told
     )
+
+
+def _learn_usual(
+    rig: Rig, evidence: Sequence[EpipolarEvidence], risk: float
+) -> tuple[Learnt, tuple[str, ...]]:
+    """Learn a rig without scans during which something moved; and the names of these scans."""
+    kept = list(evidence)
+    left_out: list[str] = []
+    while True:
+        learnt = learn(rig, kept)
+        if len(left_out) == MOST_LEFT_OUT or not learnt.modes.size:
+            return learnt, tuple(left_out)
+        squares = [effect([learnt.said(one)], learnt).square for one in kept]
+        farthest = int(np.argmax(squares))
+        others = kept[:farthest] + kept[farthest + 1 :]
+        without = learn(rig, others)
+        square = effect([without.said(kept[farthest])], without).square
+        if square <= _hotelling(without.modes.shape[1], without.freedom, risk / len(kept)):
+            return learnt, tuple(left_out)
+        left_out.append(kept[farthest].name)
+        kept = others
 
 
 def _last_findings(

@@ -79,6 +79,20 @@ def suspect_finding(name: str, excess: float) -> Finding:
     )
 
 
+def unusual_findings(names: Sequence[str]) -> tuple[Finding, ...]:
+    """First scans that the rig was not learnt from."""
+    if not names:
+        return ()
+    return (
+        Finding(
+            "scan differs",
+            f"{', '.join(names)}: differs from the other first scans; the rig is learnt without it",
+            ("something moved during this scan",),
+            figures={"scans": float(len(names))},
+        ),
+    )
+
+
 def learning_finding(known: int, baseline: int) -> Finding:
     """A watch that has begun."""
     return Finding(

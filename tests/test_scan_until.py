@@ -64,6 +64,10 @@ def test_exposures_follow_what_the_pixels_lack():
     assert step(replace(blind, dark=0.3), **free).kind == "longer"
     assert step(replace(blind, dark=0.3)).kind == "stop"
     assert step(replace(blind, dark=0.01), **free).kind == "stop"
+    # A share of measured pixels has no noise that frames average.
+    share = replace(WIDE, gap=0.1, noise=0.0, common=0.0)
+    assert step(share).kind == "stop"
+    assert step(replace(share, dark=0.3), **free).kind == "longer"
 
 
 def test_a_longer_exposure_is_taken_where_it_is_quicker():

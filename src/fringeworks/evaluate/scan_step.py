@@ -143,8 +143,11 @@ def _seconds(step: ScanStep, state: ScanState) -> float:
 
 
 def _for_coverage(one: OpenCheck, state: ScanState) -> ScanStep | None:
-    """Another exposure for an area that is too dark or saturated."""
-    if np.isfinite(one.gap):
+    """Another exposure for an area that is too dark or saturated, or nothing.
+
+    None for a value that was measured with noise, which further frames average.
+    """
+    if np.isfinite(one.gap) and one.noise > 0.0:
         return None
     low, high = state.exposures
     taken = state.factors
@@ -156,7 +159,7 @@ def _for_coverage(one: OpenCheck, state: ScanState) -> ScanStep | None:
         factor = min(max(taken) * COVERAGE_FACTOR, high)
         if factor > max(taken) * LEAST_LONGER:
             return ScanStep("longer", 1, factor, f"{one.name}: {one.dark:.0%} too dark")
-    return ScanStep("stop", 0, 1.0, f"{one.name}: its area cannot be measured from here")
+    return ScanStep("stop", 0, 1.0, f"{one.name}: more frames from here change nothing")
 
 
 def _for_noise(one: OpenCheck, state: ScanState, left: int) -> ScanStep:

@@ -44,6 +44,8 @@ ELSEWHERE = {
         "widened_frame",
     ),
     "test_nelson": ("append_check",),
+    "test_scan_until": ("scan_until", "next_step", "capture_series"),
+    "test_rig_watch": ("watch_rig", "epipolar_evidence", "judge_scans", "append_watch_log"),
     "test_certificate": ("certify", "plan_positions", "check_positions"),
     "test_foresight": ("foresee", "plan_views", "smooth_faces", "turned_poses"),
     "registries": ("method", "methods", "load_plugin", "Method"),

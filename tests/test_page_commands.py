@@ -23,6 +23,7 @@ ELSEWHERE = {
     "fringeworks --plugin own_method.py ": "would register a method for all tests of this process: "
     "tests/test_examples.py, tests/test_cli.py",
     "fringeworks rig check monday/ ": "a history: tests/test_nelson.py, tests/test_rig_check.py",
+    "fringeworks rig watch ": "a log: tests/test_rig_watch.py",
     "fringeworks rig history ": "a history: tests/test_nelson.py",
     "fringeworks certificate ": "thirteen scans: tests/test_certificate.py",
     "fringeworks merge ": "many views: tests/test_merging.py",

@@ -26,6 +26,7 @@ from fringeworks.cli.options import (
 )
 from fringeworks.cli.robots import FrameName, RobotOptions
 from fringeworks.cli.showing import ShowOptions
+from fringeworks.cli.until import UntilOptions, scan_part
 
 SECTION = "Devices"
 
@@ -224,12 +225,18 @@ def scan(
         ),
     ] = None,
     *,
+    until: UntilOptions,
     robot: RobotOptions,
     show: ShowOptions,
 ) -> None:
     """Take the frames of a plan and measure the points of the object."""
     output.check_folder(folder)
     words = output.Output(out, *show.targets)
+    if until.until is not None:
+        if turntable is not None or robot.frame != FrameName.camera:
+            raise fw.InputError("--until cannot be combined with --turntable or --in robot")
+        scan_part(words, rig, out, folder, opened(devices, plan), vars(taking), until, ply, show)
+        return
     if turntable is not None:
         if any(target is not None for target in show.targets):
             raise fw.InputError(

@@ -10,7 +10,8 @@ MANY = 13
 """Number of options, ``--help`` among them, from which on they are listed in panels."""
 PANELS = {
     "Devices": "projector camera exposure-ms gain-db pixel-format",
-    "Frames": "frames auto-exposure hdr average fast most-saturated resume plan setup steps "
+    "Frames": "frames auto-exposure hdr average fast most-saturated resume until most-captures "
+    "plan setup steps "
     "set channels white-balance reference object black white mask background "
     "camera-name projector-name noise gain saturation min-modulation modulation",
     "Scene": "shape size height-mm fringes gamma bits ambient paint seed matrix",
@@ -20,8 +21,10 @@ PANELS = {
     "turntable turn distortion model align datum-point datum-plane fit-box reach-mm tolerance-mm "
     "scale in robot-pose poses-as",
     "Method": "live method option against denoise zero response estimate-response estimate-steps "
-    "relative phases unwrap contrast adjust kind min-period max-period camera-pixel robust",
-    "Output": "out capture ply figure panel no-title report json csv markdown timing force history",
+    "relative phases unwrap contrast adjust learn false-alarms kind min-period max-period "
+    "camera-pixel robust",
+    "Output": "out capture ply figure panel no-title report json csv markdown timing force history "
+    "watched",
 }
 """Names of options by panel. An option means the same in every command, so it has one panel."""
 FIRST = {
@@ -37,6 +40,7 @@ FIRST = {
     "reconstruct": "reference object method out figure",
     "response": "plan set camera-name projector-name out",
     "scan": "setup rig capture out hdr",
+    "watch": "rig watched learn false-alarms json",
     "simulate": "shape size noise bits out",
 }
 """The five options of every command with many that people use first."""

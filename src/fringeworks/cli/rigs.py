@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +17,8 @@ from fringeworks.cli.options import JsonFile, region_of, size_of
 SECTION = "Stacks and rigs"
 EXIT_CODES = {"holds": 0, "has moved": 3, "cannot tell": 4}
 """As those of ``inspect``: pass, fail, undecided."""
+WATCH_CODES = {"holds": 0, "has moved": 3, "suspect": 4, "learning": 4}
+"""The same for a watched rig."""
 
 rigs = Commands(
     help="Check a calibrated rig, or convert its file.",
@@ -88,6 +91,65 @@ def _chart(words: output.Output, history: fw.files.CheckHistory) -> None:
         for one in series.signals:
             if one.last == last:
                 words.say(f"control chart of {name}: {one}")
+
+
+@rigs.command(
+    epilog="Example: fringeworks rig watch monday/ --rig rig.toml --watched watch.jsonl",
+)
+def watch(
+    captures: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Scans of parts, a stack each, or folders that hold several."),
+    ] = None,
+    *,
+    rig_file: Annotated[Path, typer.Option("--rig", help="Rig file of `calibrate`.")],
+    how: DecodingOptions,
+    watched: Annotated[
+        Path, typer.Option(help="Log (.jsonl) of all scans of the rig, to which these are added.")
+    ],
+    learn: Annotated[
+        int, typer.Option(min=12, help="Number of first scans that the rig is learnt from.")
+    ] = 20,
+    false_alarms: Annotated[
+        float, typer.Option(help="Largest expected number of alarms in 1,000 scans.")
+    ] = 1.0,
+    json_file: JsonFile = None,
+) -> None:
+    """Watch by scans of parts, without a board, whether a rig has moved; exit code 0 holds, 3 has
+    moved, 4 cannot tell yet."""
+    words = output.Output(json_file)
+    with output.progress() as progress:
+
+        def scans() -> Iterator[tuple[str, fw.Stack]]:
+            for path in captures or []:
+                for place in _stacks_in(path):
+                    progress(f"{place.name} …")
+                    yield place.name, how.read(place)
+
+        found = fw.rig.watch_rig(
+            rig_file,
+            scans(),
+            log=watched,
+            baseline=learn,
+            false_alarms=false_alarms,
+            **how.options,
+        )
+    figures = fw.report.summarise(found)
+    words.tell(found, figures)
+    output.write_json(json_file, figures)
+    words.wrote(watched, json_file)
+    raise typer.Exit(WATCH_CODES[found.verdict])
+
+
+def _stacks_in(path: Path) -> list[Path]:
+    """The stacks in a folder of scans, by name; a stack itself where it is one."""
+    from fringeworks.files.limits import is_folder
+    from fringeworks.files.stack import pose_paths
+
+    if not is_folder(path):
+        return [path]
+    inner = [place for place in path.iterdir() if is_folder(place)]
+    return pose_paths(path) if inner else [path]
 
 
 @rigs.command(

@@ -48,6 +48,16 @@ from .view_plan import (
     plan_views as plan_views,
     turned_poses as turned_poses,
 )
+from .scan_step import (
+    OpenCheck as OpenCheck,
+    ScanState as ScanState,
+    ScanStep as ScanStep,
+    next_step as next_step,
+)
+from .adaptive_scan import (
+    ScanUntil as ScanUntil,
+    scan_until as scan_until,
+)
 from .spots import (
     Spot as Spot,
     find_spots as find_spots,

@@ -8,6 +8,11 @@ from .plan import (
 from .certificate import (
     read_acceptance_test as read_acceptance_test,
 )
+from .watch_log import (
+    WatchLog as WatchLog,
+    append_watch_log as append_watch_log,
+    read_watch_log as read_watch_log,
+)
 from .check_history import (
     CheckHistory as CheckHistory,
     append_check as append_check,

@@ -109,6 +109,52 @@ def writing_exposures(
         writer.remove(UNFINISHED_FILE)
 
 
+class GrowingExposures:
+    """Hands out folders for captures, however many come; see ``growing_exposures``."""
+
+    def __init__(self, writer: FolderWriter) -> None:
+        self._writer = writer
+        self.sections: list[dict[str, Any]] = []
+
+    def add(self, settings: CameraSettings) -> Path:
+        """Return the folder that the next capture is written to.
+
+        Raises
+        ------
+        InputError for more captures than a description may list.
+        """
+        number = len(self.sections)
+        if number >= MOST_EXPOSURES:
+            raise InputError(f"captures: expected at most {MOST_EXPOSURES}, got more")
+        self.sections.append(_section(number, settings))
+        return self._writer.file(str(number))
+
+
+@contextmanager
+def growing_exposures(folder: StrPath, *, force: bool = False) -> Iterator[GrowingExposures]:
+    """Write captures of one scene one after another, until the caller has enough.
+
+    ``capture.toml``, which lists the captures, is written at the end; ``read_exposures`` reads the
+    folder.
+
+    Parameters
+    ----------
+    folder : path
+        New, empty, or an earlier result, which is replaced as a whole.
+    force : bool
+        Write into a folder with other things in it, too; see ``replacing_folder``.
+
+    Raises
+    ------
+    FileProblem where the folder cannot be written to.
+    """
+    with replacing_folder(folder, KIND, index=(CAPTURE_FILE,), force=force) as writer:
+        growing = GrowingExposures(writer)
+        yield growing
+        content = {"kind": KIND, "exposures": growing.sections}
+        write_text(writer.file(CAPTURE_FILE), tomli_w.dumps(content))
+
+
 def series_to_resume(folder: StrPath) -> list[CameraSettings]:
     """Return the settings of a scan with several exposures that was begun in a folder.
 

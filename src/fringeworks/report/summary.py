@@ -16,9 +16,9 @@ def summarise(result: object) -> dict[str, Any]:
     Parameters
     ----------
     result : Reconstruction, Measurement, Decoded, WrappedPhase, LightSeparation, Calibration,
-        MultiCalibration, RigCheck, PlaneCalibration, PixelCalibration, Response, FormEvaluation,
-        Inspection, Deviation, HeightMap, PointCloud, Points, TriangleMesh, MultiMeasurement,
-        SetupTests, GaugeStudy, GaugeType1 or GaugeLinearity
+        MultiCalibration, RigCheck, RigWatch, PlaneCalibration, PixelCalibration, Response,
+        FormEvaluation, Inspection, Deviation, HeightMap, PointCloud, Points, TriangleMesh,
+        MultiMeasurement, SetupTests, GaugeStudy, GaugeType1 or GaugeLinearity
 
     Returns
     -------

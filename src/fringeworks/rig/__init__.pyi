@@ -43,6 +43,18 @@ from ..pipeline.rig_check import (
     check_rig as check_rig,
     adjust_rig as adjust_rig,
 )
+from .scan_evidence import (
+    EpipolarEvidence as EpipolarEvidence,
+    epipolar_evidence as epipolar_evidence,
+)
+from .drift_watch import (
+    RigWatch as RigWatch,
+    WatchedScan as WatchedScan,
+    judge_scans as judge_scans,
+)
+from ..pipeline.rig_watch import (
+    watch_rig as watch_rig,
+)
 from .depth_range import (
     DepthRange as DepthRange,
 )

@@ -6,6 +6,10 @@ from .bench import (
     open_bench as open_bench,
     Bench as Bench,
 )
+from .series import (
+    CaptureSeries as CaptureSeries,
+    capture_series as capture_series,
+)
 from .setup import (
     Setup as Setup,
     SetupStopped as SetupStopped,

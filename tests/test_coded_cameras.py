@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 import fringeworks as fw
+from fringeworks.patterns import GrayCode, Uniform
 from fringeworks.rig import camera_pair
 from fringeworks.rig.calibration.parameters import pose_change
 from fringeworks.rig.device_pairs import pair_by_parameters
@@ -147,6 +148,22 @@ def test_a_wrong_rig_is_refused_or_its_misfit_is_in_sigma():
     good = seen.points.reason == Reason.OK
     off = np.abs(errors_mm(seen.points, rig.cameras[0], bodies[0])[good])
     assert np.mean(off < 2.0 * seen.points.sigma_mm[good]) > 0.9
+
+
+def test_a_gray_code_alone_is_covered_too():
+    rig = rig_of_two(0.25)
+    w, h = rig.projector.width_px, rig.projector.height_px
+    codes = (GrayCode("x", 1.0, w, inverse=True), GrayCode("y", 1.0, h, inverse=True))
+    plan = fw.PatternPlan(w, h, (Uniform("white"), Uniform("black"), *codes))
+    stacks, bodies = captures(rig, scene_of(34), plan, seed=34)
+    with pytest.raises(fw.InputError, match="got one Stack"):
+        fw.measure(stacks[0], alone(rig))
+    found = fw.measure(stacks, alone(rig))
+    for k, seen in enumerate(found.cameras):
+        good = seen.points.reason == Reason.OK
+        off = np.abs(errors_mm(seen.points, rig.cameras[k], bodies[k])[good])
+        assert np.mean(off < seen.points.sigma_mm[good]) > 0.64
+        assert np.mean(off < 2.0 * seen.points.sigma_mm[good]) > 0.92
 
 
 def test_codes_that_repeat_are_refused():

@@ -164,6 +164,10 @@ def measure_cameras(
     """
     if not isinstance(rig, MultiRig):
         rig = read_multi_rig(rig)
+    if isinstance(stacks, Stack):
+        raise InputError(
+            f"stacks: expected one for each of the rig's {len(rig.cameras)} cameras, got one Stack"
+        )
     shots = [stacks_of(one) for one in stacks]
     _check_shots(shots, rig)
     started = time.perf_counter()

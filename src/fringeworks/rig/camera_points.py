@@ -210,11 +210,12 @@ def joined_points(rig: MultiRig, cameras: Sequence[CameraPoints]) -> Points:
     return Points(xyz, sigma, noise, colour=colour)
 
 
-def scattered_noise(found: Estimates, shape: tuple[int, int]) -> FloatMap:
+def scattered_noise(found: Estimates, shape: tuple[int, int], *, stride: int = 1) -> FloatMap:
     """Covariance of the estimates by noise, with that of camera pairs as they scatter, (n, e, e).
 
     The coordinates' σ may contain errors that cancel between cameras. What the cameras show is the
-    noise; the rest stays with the projector. Without a projector all pairs are of cameras.
+    noise; the rest stays with the projector. Without a projector all pairs are of cameras. Errors
+    that neighbours have in common are seen between pixels that are ``stride`` apart.
     """
     stated = found.noise_covariance()
     n, e = found.w.shape
@@ -224,10 +225,14 @@ def scattered_noise(found: Estimates, shape: tuple[int, int]) -> FloatMap:
         values, sigma = np.full(shape, np.nan), np.full(shape, np.nan)
         values[rows, columns] = found.w[:, i]
         sigma[rows, columns] = np.sqrt(stated[:, i, i])
-        factor[:, i] = scatter_factor(values, sigma)[rows, columns]
-    least = factor.min(axis=1)
-    own = np.einsum("nii->ni", stated) * (factor**2 - least[:, None] ** 2)
-    noise = stated * least[:, None, None] ** 2
+        seen = np.ones(shape)
+        for y, x in np.ndindex(stride, stride):
+            part = np.s_[y::stride, x::stride]
+            seen[part] = scatter_factor(values[part], sigma[part])
+        factor[:, i] = seen[rows, columns]
+    common = factor.min(axis=1)
+    own = np.einsum("nii->ni", stated) * (factor**2 - common[:, None] ** 2)
+    noise = stated * common[:, None, None] ** 2
     noise[:, np.arange(e), np.arange(e)] += own
     return np.asarray(noise)
 

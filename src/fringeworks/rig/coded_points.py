@@ -27,6 +27,13 @@ from fringeworks.types import (
 )
 from fringeworks.types.numbers import number
 
+CELL_SIGMAS = float(np.sqrt(12.0))
+"""Width of a cell over the standard deviation of a uniform error within it."""
+SLOPE_PX = 8
+"""Pixels over which the change of a Gray code's coordinate is taken, more than a cell."""
+MIN_RATE = 0.1
+"""Lower bound on this change, projector px per camera px: cells of ten pixels and more have too few
+independent pixels for a smaller one."""
 NO_RIG_PX = 5.0
 """Distance from the epipolar lines from which on a rig is not that of the frames, px. A camera that
 was knocked is off by one or two pixels; captures in the wrong order by tens."""
@@ -72,7 +79,7 @@ def coded_points(
     cloud = _empty(here, axes, colour)
     if not len(found.pixels):
         return _nothing(cloud, found)
-    noise = scattered_noise(found, cloud.shape)
+    noise = scattered_noise(found, cloud.shape, stride=_cell_px(here, axes))
     covariance, sigma, misfit = _errors(rig, camera, found, noise)
     found.w[np.abs(found.across) > RESIDUAL_SIGMAS * sigma] = np.nan
     w, weights = _merged(found, covariance)
@@ -94,6 +101,26 @@ def coded_points(
         across_sigmas=None if len(axes) == 1 else values.as_map(far),
         misfit_px=misfit,
     )
+
+
+def _cell_px(decoded: Decoded, axes: Sequence[Axis]) -> int:
+    """Distance of pixels in different cells of a Gray code alone, px; 1 with fringes.
+
+    Errors within a cell are alike, so that neighbours scatter by less than their σ.
+    """
+    cells = [1]
+    for axis in axes:
+        found = decoded.maps[axis]
+        if found.periods_px:
+            continue
+        q = found.coordinate_px.astype(np.float64)
+        rates = [
+            np.nanmedian(np.abs(q[SLOPE_PX:] - q[:-SLOPE_PX])) / SLOPE_PX,
+            np.nanmedian(np.abs(q[:, SLOPE_PX:] - q[:, :-SLOPE_PX])) / SLOPE_PX,
+        ]
+        cell = CELL_SIGMAS * float(np.nanmedian(found.sigma_px))
+        cells.append(1 + int(np.ceil(cell / max(*rates, MIN_RATE))))
+    return max(cells)
 
 
 def _check_absolute(decoded: Sequence[Decoded], axes: Sequence[Axis]) -> None:

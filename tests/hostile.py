@@ -191,6 +191,11 @@ kind = "white"
 PLY = b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
 PLY += b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n1 1 2\n3 0 1 2\n"
 
+STEREO = b"""K1 = [80 0 32; 0 80 24; 0 0 1]; D1 = [0 0 0 0 0];
+K2 = [81 0 31; 0 81 25; 0 0 1]; D2 = [0 0 0 0 0];
+R = [1 0 0; 0 1 0; 0 0 1]; T = [-120 0 0];
+"""
+
 
 RECIPE = b"""kind = "recipe"
 method = "windowed"
@@ -367,6 +372,7 @@ def targets(folder: Path) -> list[Target]:
         npz("phase.npz", lambda p: fw.files.write_phase(p, wrapped), fw.files.read_phase),
         npz("light.npz", lambda p: fw.files.write_light(p, light), fw.files.read_light),
         Target("rigs.toml", _written(folder, "rigs.toml", lambda p: fw.files.write_multi_rig(p, small_rig())), fw.files.read_multi_rig, TOML_WORDS),
+        Target("stereo.m", STEREO, lambda p: fw.files.read_stereo_rig(p, camera_sizes=((64, 48), (64, 48))), TEXT_WORDS),
         Target("mesh.ply", PLY, fw.files.read_mesh, TEXT_WORDS),
         Target("model.stl", box.export(file_type="stl"), fw.files.read_model, BYTE_WORDS),
         Target("model.glb", box.export(file_type="glb"), fw.files.read_model, BYTE_WORDS, share=0.5),

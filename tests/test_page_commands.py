@@ -29,6 +29,7 @@ ELSEWHERE = {
     "fringeworks merge ": "many views: tests/test_merging.py",
     "fringeworks calibrate left/ ": "two cameras: tests/test_cameras_files.py",
     "fringeworks measure part/left ": "two cameras: tests/test_cameras_files.py",
+    "fringeworks rig convert intrinsics.yml ": "two files: tests/test_stereo_files.py",
     "fringeworks measure part/ --rig rig.toml --out - ": "writes bytes: tests/test_cli.py",
 }
 """Beginnings of commands that are not run here, and the tests that run such ones."""

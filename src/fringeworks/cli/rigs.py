@@ -11,6 +11,7 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import Commands, app
+from fringeworks.cli.cameras import convert_stereo
 from fringeworks.cli.decoding import DecodingOptions
 from fringeworks.cli.options import JsonFile, region_of, size_of
 
@@ -180,7 +181,12 @@ def history(
     epilog="Example: fringeworks rig convert rig.xml --projector-size 1024x768 --out rig.toml",
 )
 def convert(
-    source: Annotated[Path, typer.Argument(help="Rig file: .toml, or .xml, .yml (OpenCV).")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="Rig file: .toml, or .xml, .yml (OpenCV); with --cameras .json, .m and .txt too."
+        ),
+    ],
     out: Annotated[Path, typer.Option("--out", help="Rig file of another kind.")],
     projector_size: Annotated[
         str | None,
@@ -204,8 +210,31 @@ def convert(
     scale: Annotated[
         float, typer.Option(help="Size of resampled frames, over that of the rig's.")
     ] = 1.0,
+    cameras: Annotated[
+        bool,
+        typer.Option("--cameras", help="The file is of two cameras; the projector only codes."),
+    ] = False,
+    also: Annotated[
+        Path | None,
+        typer.Option("--with", help="Second file of two cameras, such as extrinsics.yml."),
+    ] = None,
+    rectified: Annotated[
+        bool,
+        typer.Option("--rectified", help="Two cameras whose frames are rectified, by P1 and P2."),
+    ] = False,
 ) -> None:
     """Convert a rig file, to and from OpenCV's XML and YAML, or for cropped or binned frames."""
+    if cameras:
+        if projector_size is not None or crop is not None or binning != 1 or scale != 1.0:
+            raise fw.InputError(
+                "--cameras: it cannot be combined with --projector-size, --crop, --bin and --scale"
+            )
+        size = None if camera_size is None else size_of(camera_size, "camera-size")
+        sources = [source] if also is None else [source, also]
+        convert_stereo(sources, out, size, unit_mm, rectified=rectified)
+        return
+    if also is not None or rectified:
+        raise fw.InputError("--with, --rectified: expected together with --cameras")
     from fringeworks.rig.point_findings import unit_findings
 
     words = output.Output(out)

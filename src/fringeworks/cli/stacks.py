@@ -218,7 +218,7 @@ def calibrate(
         list[Path],
         typer.Argument(
             help="Folder with one stack per pose of the board; several cameras: one folder for "
-            "each, with the same names of poses."
+            "each, with the same names of poses. Two folders of photographs: two cameras alone."
         ),
     ],
     board: Annotated[
@@ -297,7 +297,14 @@ def measure(
             "one for each, in the order of the rig file."
         ),
     ],
-    rig_file: Annotated[Path, typer.Option("--rig", help="Rig file of `calibrate`.")],
+    rig_file: Annotated[
+        Path,
+        typer.Option(
+            "--rig",
+            help="Rig file of `calibrate`; for two cameras and a projector that only codes also "
+            "of OpenCV (.xml, .yml), .json, or text of MATLAB (.m, .txt).",
+        ),
+    ],
     how: DecodingOptions,
     axis: Annotated[
         AxisName | None,

@@ -70,6 +70,9 @@ from .multi_rig import (
     read_multi_rig as read_multi_rig,
     write_multi_rig as write_multi_rig,
 )
+from .stereo_rig import (
+    read_stereo_rig as read_stereo_rig,
+)
 from .robot_poses import (
     parse_robot_pose as parse_robot_pose,
     read_robot_poses as read_robot_poses,

@@ -30,7 +30,7 @@ from fringeworks.types import FloatMap, InputError, MultiRig, multi_rig_paramete
 MAX_CAMERAS = 16
 """Largest number of cameras in a file. The covariance of 16 cameras has 249 rows."""
 HEADER = """\
-# Several calibrated cameras and one projector (fringeworks).
+# Several calibrated cameras and one projector (fringeworks). Without [projector] it only codes.
 # Pixels: centres on integers. Distortion: Brown's k1, k2, p1, p2, k3, in OpenCV's order.
 # Coordinates are those of the first camera (x right, y down, z forward; mm).
 # T_projector_camera maps them to the projector's, T_camera_first to those of a further camera.
@@ -52,8 +52,9 @@ class MultiRigFile(Section):
 
     kind: Literal["multi-rig"]
     cameras: list[CameraSection] = Field(min_length=1, max_length=MAX_CAMERAS)
-    projector: DeviceSection
-    T_projector_camera: PoseSection
+    projector: DeviceSection | None = None
+    """Left out where it is not calibrated, with its pose."""
+    T_projector_camera: PoseSection | None = None
     uncertainty: UncertaintySection | None = None
     provenance: ProvenanceSection | None = None
 
@@ -96,20 +97,21 @@ def format_multi_rig(rig: MultiRig) -> str:
     """A rig of several cameras as TOML."""
     n = len(rig.cameras)
     residuals = rig.residual_px or (None,) * (n + 1)
+    calibrated = rig.projector is not None
     cameras: list[dict[str, Any]] = []
     for k, camera in enumerate(rig.cameras):
         section = device_section(camera, residuals[k])
         if k:
             section["T_camera_first"] = pose_section(rig.T_camera_first[k])
         cameras.append(section)
-    content: dict[str, Any] = {
-        "kind": "multi-rig",
-        "projector": device_section(rig.projector, residuals[n]),
-        "T_projector_camera": pose_section(rig.T_projector_camera),
-        "cameras": cameras,
-    }
+    content: dict[str, Any] = {"kind": "multi-rig"}
+    if rig.projector is not None and rig.T_projector_camera is not None:
+        content["projector"] = device_section(rig.projector, residuals[n])
+        content["T_projector_camera"] = pose_section(rig.T_projector_camera)
+    content["cameras"] = cameras
     if rig.covariance is not None:
-        content["uncertainty"] = uncertainty_section(rig.covariance, multi_rig_parameters(n))
+        names = multi_rig_parameters(n, projector=calibrated)
+        content["uncertainty"] = uncertainty_section(rig.covariance, names)
     return toml_text(HEADER, content, rig.provenance)
 
 
@@ -124,16 +126,18 @@ def _from_toml(content: MultiRigFile) -> MultiRig:
         raise InputError("camera 1: expected no T_camera_first, its coordinates are the rig's")
     covariance = None
     if content.uncertainty is not None:
-        covariance = covariance_of(content.uncertainty, multi_rig_parameters(n))
-    residuals = [d.residual_px for d in (*content.cameras, content.projector)]
-    known = tuple(r for r in residuals if r is not None)
+        names = multi_rig_parameters(n, projector=content.projector is not None)
+        covariance = covariance_of(content.uncertainty, names)
+    devices = [d for d in (*content.cameras, content.projector) if d is not None]
+    known = tuple(d.residual_px for d in devices if d.residual_px is not None)
+    of_projector = content.T_projector_camera
     origin = None if content.provenance is None else content.provenance.as_provenance()
     return MultiRig(
         tuple(pinhole_of(camera) for camera in content.cameras),
-        pinhole_of(content.projector),
-        transform_of(content.T_projector_camera),
+        None if content.projector is None else pinhole_of(content.projector),
+        None if of_projector is None else transform_of(of_projector),
         np.stack(poses),
         covariance,
-        known if len(known) == n + 1 else None,
+        known if len(known) == len(devices) else None,
         origin,
     )

@@ -176,9 +176,10 @@ def parse_opencv(
         size = _size(storage, names, device, present) or given
         if size is None:
             raise InputError(f"missing {device}_size: columns and rows of the {device}")
-        devices.append(_pinhole(device, found, size))
+        K = found[f"{device}_matrix"].reshape(3, 3)
+        devices.append(pinhole_from(device, K, found[f"{device}_distortion"], size))
     T = np.eye(4)
-    T[:3, :3], T[:3, 3] = _rotation(found["rotation"].reshape(3, 3)), found["translation"]
+    T[:3, :3], T[:3, 3] = rotation_of(found["rotation"].reshape(3, 3)), found["translation"]
     residual = _residuals(storage, names, present)
     known: dict[str, Any] = {} if residual is None else {"residual_px": residual}
     node = storage.getNode(KEY)
@@ -252,7 +253,7 @@ def _values(storage: Any, name: str, ours: str) -> FloatMap:
     return values
 
 
-def _rotation(given: FloatMap) -> FloatMap:
+def rotation_of(given: FloatMap) -> FloatMap:
     """The nearest rotation: files hold a few digits only."""
     u, _, v = np.linalg.svd(given)
     nearest = np.asarray(u @ v)
@@ -261,8 +262,8 @@ def _rotation(given: FloatMap) -> FloatMap:
     return nearest
 
 
-def _pinhole(device: str, found: dict[str, FloatMap], size: tuple[int, int]) -> Pinhole:
-    K, d = found[f"{device}_matrix"].reshape(3, 3), found[f"{device}_distortion"]
+def pinhole_from(device: str, K: FloatMap, d: FloatMap, size: tuple[int, int]) -> Pinhole:
+    """A device from its camera matrix (3, 3) and its distortion coefficients (n,)."""
     off = np.abs([K[0, 1], K[1, 0], K[2, 0], K[2, 1], K[2, 2] - 1.0]).max()
     if off > SAME * max(abs(K[0, 0]), 1.0):
         raise InputError(

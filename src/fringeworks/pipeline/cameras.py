@@ -18,8 +18,9 @@ from fringeworks.pipeline.inputs import inputs_of, stacks_of
 from fringeworks.pipeline.stacks import check_projector, scene_brightness
 from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.calibration.cameras import MultiCalibration, calibrate_cameras
-from fringeworks.rig.camera_findings import camera_findings
+from fringeworks.rig.camera_findings import camera_findings, uncertainty_findings
 from fringeworks.rig.camera_points import CameraPoints, camera_points, joined_points
+from fringeworks.rig.coded_points import coded_points
 from fringeworks.rig.device_pairs import camera_pair
 from fringeworks.rig.stereo_match import CoordinateField
 from fringeworks.rig.triangulate import triangulate
@@ -37,6 +38,7 @@ from fringeworks.types import (
     Plotted,
     Points,
     Reason,
+    RigMismatch,
     found_before,
     made_by,
     numbered,
@@ -53,7 +55,7 @@ class MultiMeasurement(Noted, Plotted, Frozen):
     appears in every camera."""
     cameras: tuple[CameraPoints, ...]
     """Per camera: the points on its pixels, in its own coordinates, with all pairs and how far they
-    disagree."""
+    disagree. Without a calibrated projector the pairs are those with other cameras."""
     decoded: tuple[Decoded, ...]
     """Projector coordinates of every camera."""
     findings: tuple[Finding, ...]
@@ -157,14 +159,24 @@ def measure_cameras(
     -----
     Every camera gives points with the projector, and with every other camera by equal projector
     coordinates. ``camera_points`` merges them. Pixels that fit no surface through their neighbours
-    are kept where another camera confirms them.
+    are kept where another camera confirms them. A projector that is not calibrated only codes: the
+    points are then those of the pairs of cameras (``coded_points``).
     """
     if not isinstance(rig, MultiRig):
         rig = read_multi_rig(rig)
+    if isinstance(stacks, Stack):
+        raise InputError(
+            f"stacks: expected one for each of the rig's {len(rig.cameras)} cameras, got one Stack"
+        )
     shots = [stacks_of(one) for one in stacks]
     _check_shots(shots, rig)
     started = time.perf_counter()
-    decoded, doubtful = _decoded(shots, options)
+    if rig.projector is None:
+        # No point with the projector can be confirmed: isolated pixels stay left out.
+        decoded = _strict(shots, options)
+        doubtful: list[BoolMap | None] = []
+    else:
+        decoded, doubtful = _decoded(shots, options)
     told = numbered("camera", decoded)
     with found_before(told):
         seen = _merged(decoded, doubtful, shots, rig, axis)
@@ -181,7 +193,7 @@ def measure_cameras(
         rig=rig,
     )
     seen = [replace(c, points=replace(c.points, provenance=origin)) for c in seen]
-    findings = (*told, *camera_findings(seen))
+    findings = (*told, *camera_findings(seen), *uncertainty_findings(rig))
     points = replace(joined_points(rig, seen), provenance=origin, findings=findings)
     return MultiMeasurement(points, tuple(seen), tuple(decoded), findings, seconds)
 
@@ -195,6 +207,8 @@ def _merged(
 ) -> list[CameraPoints]:
     """The points of every camera, by all pairs of devices."""
     axes: tuple[Axis, ...] = tuple(decoded[0].maps) if axis is None else (axis,)
+    if rig.projector is None:
+        return _by_code(decoded, shots, rig, axes)
     alone = [
         triangulate(d, camera_pair(rig, k), axis=axis, colour=scene_brightness(shots[k], d))
         for k, d in enumerate(decoded)
@@ -207,6 +221,22 @@ def _merged(
     return seen
 
 
+def _by_code(
+    decoded: Sequence[Decoded],
+    shots: Sequence[Sequence[Stack]],
+    rig: MultiRig,
+    axes: tuple[Axis, ...],
+) -> list[CameraPoints]:
+    """The points of every camera, by the codes that it shares with the others."""
+    fields = [CoordinateField.of(d, axes) for d in decoded]
+    seen: list[CameraPoints] = []
+    for k, found in enumerate(decoded):
+        others = {other: field for other, field in enumerate(fields) if other != k}
+        colour = scene_brightness(shots[k], found)
+        seen.append(coded_points(rig, k, decoded, others, axes, colour=colour))
+    return seen
+
+
 def _check_shots(shots: Sequence[Sequence[Stack]], rig: MultiRig) -> None:
     """Refuse stacks that do not belong to the rig or to each other."""
     if len(shots) != len(rig.cameras):
@@ -215,9 +245,33 @@ def _check_shots(shots: Sequence[Sequence[Stack]], rig: MultiRig) -> None:
             f"got {len(shots)}"
         )
     for number, one in enumerate(shots, 1):
-        check_projector(camera_pair(rig, number - 1), one[0])
+        if rig.projector is None:
+            _check_frames(rig, number, one[0])
+        else:
+            check_projector(camera_pair(rig, number - 1), one[0])
         if one[0].plan != shots[0][0].plan:
             raise InputError(f"camera {number}: expected the plan of camera 1, got another")
+
+
+def _check_frames(rig: MultiRig, number: int, stack: Stack) -> None:
+    """Refuse frames of another size than the camera's."""
+    h, w = rig.cameras[number - 1].shape
+    rows, columns = stack.frames[0].shape[:2]
+    if (rows, columns) != (h, w):
+        raise RigMismatch(
+            f"camera {number}: the rig is for frames of {w} × {h} px, got {columns} × {rows} px"
+        )
+
+
+def _strict(shots: Sequence[Sequence[Stack]], options: DecodeOptions) -> list[Decoded]:
+    """Coordinates of every camera."""
+    decoded = []
+    for number, one in enumerate(shots, 1):
+        try:
+            decoded.append(decoded_exposures(one, options))
+        except InputError as error:
+            raise error.at(f"camera {number}") from error
+    return decoded
 
 
 def _decoded(

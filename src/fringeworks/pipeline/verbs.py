@@ -24,6 +24,7 @@ from fringeworks.pipeline.boards import calibrate_stacks, observe_stack
 from fringeworks.pipeline.cameras import MultiMeasurement, calibrate_camera_stacks, measure_cameras
 from fringeworks.pipeline.inputs import stack_of
 from fringeworks.pipeline.pair_points import measure_pair
+from fringeworks.pipeline.photographs import calibrate_photographs, holds_photographs
 from fringeworks.pipeline.stacks import (
     Measurement,
     decode_stack,
@@ -288,6 +289,8 @@ def calibrate(
         or what ``fringeworks.rig.observe`` found in them. A pose in which the board is not found,
         or that cannot be decoded, is skipped; the result says why. A sequence of folders or of
         sequences has one entry per camera: stacks with one name are of one pose of the board.
+        Two folders of single photographs calibrate two cameras without a projector, which then only
+        codes.
         Ten poses are usual, tilted against each other; three are the least.
     board : Board or str
         A board, or its short form, as for ``fringeworks.rig.parse_board``.
@@ -327,6 +330,9 @@ def calibrate(
         return calibrate_stacks(
             poses, board, plan=plan, distortion=distortion, progress=progress, **options
         )
+    paths = isinstance(poses, Sequence) and len(poses) > 0 and all(is_path(p) for p in poses)
+    if paths and all(holds_photographs(p) for p in poses):
+        return calibrate_photographs(poses, board, distortion=distortion, progress=progress)
     # Stacks may come one by one, so that one pose at a time is in memory.
     entries = iter(poses)
     first = next(entries, None)

@@ -36,20 +36,27 @@ class CameraPoints(Frozen):
     points: PointCloud
     """Merged from all pairs, weighted by their covariance. σ is along the camera's ray."""
     devices: tuple[Device, ...]
-    """Devices that form pairs with the camera: the projector, then cameras by number, from 0."""
+    """Devices that form pairs with the camera: the projector where it is calibrated, then cameras
+    by number, from 0."""
     pairs: tuple[PointCloud, ...]
     """The points of every pair."""
     weights: FloatMap
     """Weight of every pair in the merged point, (h, w, pairs), 0…1; they add up to 1."""
     difference_mm: FloatMap
-    """Distance along the ray from the point with the projector to that with another camera, (h, w),
-    mm: of the camera that differs most, in standard deviations. NaN where there is no other."""
+    """Distance along the ray from the point with the first of ``devices`` to that with another,
+    (h, w), mm: of the one that differs most, in standard deviations. NaN where none is left."""
     difference_sigmas: FloatMap
     """The same over its standard deviation, (h, w)."""
+    across_sigmas: FloatMap | None = None
+    """Distance of the match from the epipolar line over its standard deviation, (h, w), where the
+    projector only codes along both axes."""
+    misfit_px: float = 0.0
+    """What the distances from the epipolar lines have in excess of noise and calibration, px; it is
+    part of σ. 0 with a calibrated projector."""
 
     @property
     def matched(self) -> BoolMap:
-        """Pixels whose point another camera confirms, (h, w)."""
+        """Pixels whose point another camera confirms, (h, w); without a projector, a third one."""
         return np.asarray(np.isfinite(self.difference_mm) & (self.points.reason == Reason.OK))
 
 
@@ -90,13 +97,13 @@ def camera_points(
     cancels in them.
     """
     found = estimates_of(rig, camera, decoded, alone, fields, axes)
-    noise = _noise(found, alone.shape)
+    noise = scattered_noise(found, alone.shape)
     errors = errors_over(rig, camera, found.devices, found.w)
     covariance = noise + found.calibration_covariance(errors)
     w, weights = combined(found.w, covariance)
-    difference, sigmas = _differences(found, covariance)
+    difference, sigmas = differences(found, covariance)
     apart = np.abs(np.nan_to_num(sigmas)) > RESIDUAL_SIGMAS
-    values = _Values(found, alone, w, weights, covariance, noise)
+    values = Values(found, alone, w, weights, covariance, noise)
     reason = alone.reason.copy()
     values.put(reason, apart, Reason.RAYS_APART)
     confirmed = np.isfinite(values.as_map(sigmas))
@@ -114,7 +121,7 @@ def camera_points(
 
 
 @dataclass(frozen=True, eq=False)
-class _Values:
+class Values:
     """Values of single pixels, and how they become maps and clouds."""
 
     found: Estimates
@@ -203,30 +210,35 @@ def joined_points(rig: MultiRig, cameras: Sequence[CameraPoints]) -> Points:
     return Points(xyz, sigma, noise, colour=colour)
 
 
-def _noise(found: Estimates, shape: tuple[int, int]) -> FloatMap:
+def scattered_noise(found: Estimates, shape: tuple[int, int], *, stride: int = 1) -> FloatMap:
     """Covariance of the estimates by noise, with that of camera pairs as they scatter, (n, e, e).
 
     The coordinates' σ may contain errors that cancel between cameras. What the cameras show is the
-    noise; the rest stays with the projector.
+    noise; the rest stays with the projector. Without a projector all pairs are of cameras. Errors
+    that neighbours have in common are seen between pixels that are ``stride`` apart.
     """
     stated = found.noise_covariance()
     n, e = found.w.shape
     columns, rows = found.pixels.astype(np.intp).T
     factor = np.ones((n, e))
-    for i in range(1, e):
+    for i in range(int(found.devices[0] == "projector"), e):
         values, sigma = np.full(shape, np.nan), np.full(shape, np.nan)
         values[rows, columns] = found.w[:, i]
         sigma[rows, columns] = np.sqrt(stated[:, i, i])
-        factor[:, i] = scatter_factor(values, sigma)[rows, columns]
-    least = factor.min(axis=1)
-    own = np.einsum("nii->ni", stated) * (factor**2 - least[:, None] ** 2)
-    noise = stated * least[:, None, None] ** 2
+        seen = np.ones(shape)
+        for y, x in np.ndindex(stride, stride):
+            part = np.s_[y::stride, x::stride]
+            seen[part] = scatter_factor(values[part], sigma[part])
+        factor[:, i] = seen[rows, columns]
+    common = factor.min(axis=1)
+    own = np.einsum("nii->ni", stated) * (factor**2 - common[:, None] ** 2)
+    noise = stated * common[:, None, None] ** 2
     noise[:, np.arange(e), np.arange(e)] += own
     return np.asarray(noise)
 
 
-def _differences(found: Estimates, covariance: FloatMap) -> tuple[FloatMap, FloatMap]:
-    """By how much other cameras differ from the projector along the ray, mm and σ, (n,)."""
+def differences(found: Estimates, covariance: FloatMap) -> tuple[FloatMap, FloatMap]:
+    """By how much other devices differ from the first along the ray, mm and σ, (n,)."""
     w, e = found.w, found.w.shape[1]
     if e == 1:
         return np.full(len(w), np.nan), np.full(len(w), np.nan)

@@ -39,7 +39,8 @@ def camera_pair(rig: MultiRig, camera: int, other: Device = "projector") -> Rig:
 
     Raises
     ------
-    InputError for a camera that the rig does not have, and for one camera twice.
+    InputError for a camera that the rig does not have, for one camera twice, and for a projector
+    that is not calibrated.
 
     Examples
     --------
@@ -72,11 +73,12 @@ def pair_by_parameters(rig: MultiRig, camera: int, other: Device) -> FloatMap:
     With T_o and T_c from the first camera to both devices, R = R_o R_cᵀ and t = t_o − R t_c. For
     rotation errors ω_o and ω_c, ω = ω_o − R ω_c and δt = δt_o − ω × R t_c − R δt_c.
     """
-    by = np.zeros((RIG_SIZE, len(multi_rig_parameters(len(rig.cameras)))))
+    calibrated = rig.projector is not None
+    by = np.zeros((RIG_SIZE, len(multi_rig_parameters(len(rig.cameras), projector=calibrated))))
     unit = np.eye(DEVICE_SIZE)
     places: tuple[Device, Device] = (camera, other)
     for k, device in enumerate(places):
-        first = _device_place(device)
+        first = _device_place(rig, device)
         by[DEVICE_SIZE * k : DEVICE_SIZE * (k + 1), first : first + DEVICE_SIZE] = unit
     R = (_pose(rig, other) @ inverse(_pose(rig, camera)))[:3, :3]
     turned = R @ _pose(rig, camera)[:3, 3]
@@ -84,7 +86,7 @@ def pair_by_parameters(rig: MultiRig, camera: int, other: Device) -> FloatMap:
     for device, factor in ((other, np.eye(3)), (camera, -R)):
         if device == 0:
             continue
-        first = _pose_place(device)
+        first = _pose_place(rig, device)
         by[turn, first : first + 3] += factor
         by[shift, first : first + 3] += skew(turned) @ factor
         by[shift, first + 3 : first + POSE_SIZE] += factor
@@ -93,6 +95,8 @@ def pair_by_parameters(rig: MultiRig, camera: int, other: Device) -> FloatMap:
 
 def _device(rig: MultiRig, device: Device) -> Pinhole:
     if isinstance(device, str):
+        if rig.projector is None:
+            raise InputError("pair: expected a calibrated projector, got a rig of cameras alone")
         return rig.projector
     if not 0 <= device < len(rig.cameras):
         raise InputError(
@@ -104,17 +108,20 @@ def _device(rig: MultiRig, device: Device) -> Pinhole:
 def _pose(rig: MultiRig, device: Device) -> FloatMap:
     """The transform from the first camera to a device, (4, 4), mm."""
     if isinstance(device, str):
+        if rig.T_projector_camera is None:
+            raise InputError("pair: expected a calibrated projector, got a rig of cameras alone")
         return rig.T_projector_camera
     return np.asarray(rig.T_camera_first[device])
 
 
-def _device_place(device: Device) -> int:
+def _device_place(rig: MultiRig, device: Device) -> int:
     """Where a device's nine parameters begin."""
     if isinstance(device, str):
         return DEVICE_SIZE
-    return 0 if device == 0 else RIG_SIZE + FURTHER_SIZE * (device - 1)
+    before = DEVICE_SIZE if rig.projector is None else RIG_SIZE
+    return 0 if device == 0 else before + FURTHER_SIZE * (device - 1)
 
 
-def _pose_place(device: Device) -> int:
+def _pose_place(rig: MultiRig, device: Device) -> int:
     """Where the six parameters of a device's pose begin; the first camera has none."""
-    return 2 * DEVICE_SIZE if isinstance(device, str) else _device_place(device) + DEVICE_SIZE
+    return 2 * DEVICE_SIZE if isinstance(device, str) else _device_place(rig, device) + DEVICE_SIZE

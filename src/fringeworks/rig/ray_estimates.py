@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fringeworks.rig.coded_places import inverse_depths_by_code
 from fringeworks.rig.device_errors import DeviceErrors
 from fringeworks.rig.device_pairs import Device, camera_pair
 from fringeworks.rig.pinhole import project_with_derivatives, rays
@@ -31,7 +32,7 @@ class Estimates:
     """
 
     devices: tuple[Device, ...]
-    """The projector first, then cameras."""
+    """The projector first, where it is calibrated, then cameras."""
     pixels: FloatMap
     """(n, 2), px."""
     rays: FloatMap
@@ -46,11 +47,34 @@ class Estimates:
     """Variance of e_k, (n, axes), px²."""
     other_variance: FloatMap
     """Variance of e_i, (n, e, axes), px²; 0 for the projector."""
+    across: FloatMap
+    """How far the match is from the epipolar line, (n, e), px of the other camera; 0 for the
+    projector and for one axis, along which the match is looked for on this line."""
+    across_by_coordinate: FloatMap
+    """Derivative of ``across`` by e_i − e_k, (n, e, axes), px per projector px."""
+    across_by_pixel: FloatMap
+    """Unit vector across the epipolar line, (n, e, 2)."""
 
     @property
     def measured(self) -> BoolMap:
         """Which estimates there are, (n, e)."""
         return np.asarray(np.isfinite(self.w))
+
+    def at(self, kept: BoolMap) -> Estimates:
+        """The estimates of some of the pixels, (n,)."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return Estimates(**{k: v if k == "devices" else v[kept] for k, v in values.items()})
+
+    def across_variance(self, errors: DeviceErrors) -> FloatMap:
+        """Variance of ``across`` by the noise of the coordinates and the calibration, (n, e)."""
+        both = self.own_variance[:, None] + self.other_variance
+        noise = np.einsum("nia,nia->ni", self.across_by_coordinate**2, both)
+        found = errors.at(self.pixels, np.nanmean(self.w, axis=1))
+        for i in range(len(self.devices)):
+            part = found[:, 2 * i : 2 * i + 2, 2 * i : 2 * i + 2]
+            normal = self.across_by_pixel[:, i]
+            noise[:, i] += np.einsum("nk,nkl,nl->n", normal, part, normal)
+        return np.asarray(noise)
 
     def noise_covariance(self) -> FloatMap:
         """Covariance of the estimates by the noise of the coordinates, (n, e, e), 1/mm²."""
@@ -110,11 +134,71 @@ def estimates_of(
     ray = rays(rig.cameras[camera], pixels)
     columns = [_by_projector(rig, camera, ray, w, own, axes)]
     columns += [_by_camera(rig, camera, other, (ray, w, goal), fields[other]) for other in fields]
-    merged, b, a, variance = (np.stack(part, axis=1) for part in zip(*columns, strict=True))
-    return Estimates(("projector", *fields), pixels, ray, merged, b, a, own, variance)
+    return _joined(("projector", *fields), pixels, ray, own, columns)
 
 
-_Column = tuple[FloatMap, FloatMap, FloatMap, FloatMap]
+def estimates_by_code(
+    rig: MultiRig,
+    camera: int,
+    decoded: Sequence[Decoded],
+    fields: Mapping[int, CoordinateField],
+    axes: Sequence[Axis],
+) -> Estimates:
+    """Estimate the inverse depths of all pixels whose codes another camera decodes as well.
+
+    Parameters
+    ----------
+    rig : MultiRig
+    camera : int
+        Number of the camera, from 0.
+    decoded : Decoded of every camera
+    fields : coordinates of the other cameras, by number
+    axes : the axes of the codes
+    """
+    here = decoded[camera]
+    starts = {
+        other: inverse_depths_by_code(
+            camera_pair(rig, camera, other), here, decoded[other], field, axes
+        )
+        for other, field in fields.items()
+    }
+    v, u = np.nonzero(np.logical_or.reduce([np.isfinite(w) for w in starts.values()]))
+    pixels = np.stack((u, v), axis=-1).astype(np.float64)
+    goal = np.stack([here.maps[a].coordinate_px[v, u] for a in axes], -1).astype(np.float64)
+    own = np.stack([here.maps[a].sigma_px[v, u] for a in axes], -1).astype(np.float64) ** 2
+    ray = rays(rig.cameras[camera], pixels)
+    columns = [
+        _by_camera(rig, camera, other, (ray, starts[other][v, u], goal), fields[other])
+        for other in fields
+    ]
+    found = _joined(tuple(fields), pixels, ray, own, columns)
+    return found.at(np.asarray(found.measured.any(axis=1)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Column:
+    """The estimates by one device: what ``Estimates`` has of each."""
+
+    w: FloatMap
+    by_coordinate: FloatMap
+    by_pixel: FloatMap
+    other_variance: FloatMap
+    across: FloatMap
+    across_by_coordinate: FloatMap
+    across_by_pixel: FloatMap
+
+
+def _joined(
+    devices: tuple[Device, ...],
+    pixels: FloatMap,
+    ray: FloatMap,
+    own: FloatMap,
+    columns: Sequence[_Column],
+) -> Estimates:
+    """The estimates by all devices side by side."""
+    names = _Column.__dataclass_fields__
+    parts = {name: np.stack([getattr(c, name) for c in columns], axis=1) for name in names}
+    return Estimates(devices, pixels, ray, own_variance=own, **parts)
 
 
 def _by_projector(
@@ -128,7 +212,8 @@ def _by_projector(
     a = np.zeros_like(by_w)
     for k, axis in enumerate(axes):
         a[:, 0 if axis == "x" else 1] = b[:, k]
-    return w, b, a, np.zeros_like(own)
+    none = np.zeros_like(own)
+    return _Column(w, b, a, none, np.zeros(len(w)), none, np.zeros_like(by_w))
 
 
 def _by_camera(
@@ -143,8 +228,8 @@ def _by_camera(
     w = start.copy()
     seen, by_w = _seen(rig, camera, other, ray, w)
     single = len(field.axes) == 1
-    length = np.linalg.norm(by_w, axis=1, keepdims=True)
-    place, found = match(field, goal, seen, by_w / length if single else None)
+    line = by_w / np.linalg.norm(by_w, axis=1, keepdims=True)
+    place, found = match(field, goal, seen, line if single else None)
     for _ in range(STEPS):
         seen, by_w = _seen(rig, camera, other, ray, w)
         w = w + np.sum(by_w * (place - seen), axis=1) / np.sum(by_w**2, axis=1)
@@ -159,9 +244,28 @@ def _by_camera(
             b = np.linalg.solve(safe.transpose(0, 2, 1), a[..., None])[..., 0]
     variance = field.variance_at(place)
     good = found & (w > 0) & np.isfinite(b).all(axis=1) & np.isfinite(variance).all(axis=1)
-    blank = ~good
-    w[blank], b[blank], a[blank], variance[blank] = np.nan, 0.0, 0.0, 0.0
-    return w, b, a, variance
+    column = _Column(w, b, a, variance, *_across(place, seen, by_w, None if single else slope))
+    for name in _Column.__dataclass_fields__:
+        getattr(column, name)[~good] = np.nan if name == "w" else 0.0
+    return column
+
+
+def _across(
+    place: FloatMap, seen: FloatMap, by_w: FloatMap, slope: FloatMap | None
+) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """How far matches are from the epipolar line, and the derivative by coordinates and pixel.
+
+    Without ``slope`` the matches are on it by their making.
+    """
+    if slope is None:
+        return np.zeros(len(place)), np.zeros((len(place), 1)), np.zeros_like(by_w)
+    with np.errstate(all="ignore"):
+        normal = np.stack((-by_w[:, 1], by_w[:, 0]), -1) / np.linalg.norm(by_w, axis=1)[:, None]
+        across = np.sum(normal * (place - seen), axis=1)
+        (xx, xy), (yx, yy) = np.moveaxis(slope, 0, -1)
+        solved = (yy * normal[:, 0] - yx * normal[:, 1], xx * normal[:, 1] - xy * normal[:, 0])
+        by_coordinate = np.stack(solved, axis=-1) / (xx * yy - xy * yx)[:, None]
+    return across, by_coordinate, normal
 
 
 def _seen(

@@ -1,4 +1,4 @@
-"""Several cameras and one projector as a rig."""
+"""Several cameras and one projector as a rig; the projector need not be calibrated."""
 
 from __future__ import annotations
 
@@ -14,25 +14,31 @@ from fringeworks.types.rig import RIG_PARAMETERS, ROTATION_TOLERANCE, Pinhole, R
 
 DEVICE_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 """Names of a device's parameters, in the order of ``Pinhole.parameters``."""
+MIN_ALONE = 2
+"""Smallest number of cameras that measure without a calibrated projector."""
 
 
-def multi_rig_parameters(cameras: int) -> tuple[str, ...]:
+def multi_rig_parameters(cameras: int, *, projector: bool = True) -> tuple[str, ...]:
     """Return the names of the parameters of a rig of several cameras, in their order.
 
     Parameters
     ----------
     cameras : int ≥ 1
+    projector : bool
+        Whether the projector is calibrated.
 
     Returns
     -------
     tuple of 24 + 15 (cameras − 1) names: those of the first camera and the projector
     (``RIG_PARAMETERS``), then of every further camera its nine parameters and its pose relative to
-    the first camera; px, 1, rad, mm.
+    the first camera; px, 1, rad, mm. Without a projector 9 + 15 (cameras − 1).
 
     Examples
     --------
     >>> len(multi_rig_parameters(2)), multi_rig_parameters(2)[24]
     (39, 'camera 2 fx')
+    >>> multi_rig_parameters(2, projector=False)[9]
+    'camera 2 fx'
     """
     pose = (*(f"rotation {a}" for a in "xyz"), *(f"translation {a}" for a in "xyz"))
     further = (
@@ -40,25 +46,29 @@ def multi_rig_parameters(cameras: int) -> tuple[str, ...]:
         for number in range(2, cameras + 1)
         for name in (*DEVICE_NAMES, *pose)
     )
-    return (*RIG_PARAMETERS, *further)
+    first = RIG_PARAMETERS if projector else RIG_PARAMETERS[: len(DEVICE_NAMES)]
+    return (*first, *further)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MultiRig(Frozen):
-    """Several calibrated cameras and one projector.
+    """Several calibrated cameras and one projector, which need not be calibrated.
 
-    Coordinates are those of the first camera.
+    Coordinates are those of the first camera. A projector that is not calibrated only codes: its
+    coordinates tell which pixels of the cameras see the same place.
 
     Raises
     ------
-    InputError for no camera, poses that are no rigid transforms, two devices at one place, and a
-    covariance or residuals of another size.
+    InputError for no camera, one camera without a projector, poses that are no rigid transforms,
+    two devices at one place, and a covariance or residuals of another size.
     """
 
     cameras: tuple[Pinhole, ...]
-    projector: Pinhole
-    T_projector_camera: FloatMap
-    """(4, 4) float64, maps points in coordinates of the first camera to the projector's; mm."""
+    projector: Pinhole | None
+    """None where it is not calibrated."""
+    T_projector_camera: FloatMap | None
+    """(4, 4) float64, maps points in coordinates of the first camera to the projector's; mm. None
+    with ``projector``."""
     T_camera_first: FloatMap
     """(n, 4, 4) float64, maps points in coordinates of the first camera to those of every camera;
     the first is the identity; mm."""
@@ -66,8 +76,8 @@ class MultiRig(Frozen):
     """Covariance of ``multi_rig_parameters``, square; None where unknown. A rotation error ω turns
     R into exp(ω) R."""
     residual_px: tuple[float, ...] | None = None
-    """Root mean square reprojection residual of every camera and the projector, px; None where
-    unknown."""
+    """Root mean square reprojection residual of every camera and the projector, as far as it is
+    calibrated, px; None where unknown."""
     provenance: Provenance | None = None
     """How it was made; None where the caller built it."""
 
@@ -90,7 +100,8 @@ class MultiRig(Frozen):
             raise InputError("rig: expected the identity as the first camera's own pose")
         for number, pose in enumerate(self.T_camera_first[1:], 2):
             _check_pose(f"camera {number}", pose)
-        size = len(multi_rig_parameters(n))
+        calibrated = self.projector is not None
+        size = len(multi_rig_parameters(n, projector=calibrated))
         covariance = self.covariance
         if covariance is not None and (
             covariance.shape != (size, size) or not np.isfinite(covariance).all()
@@ -98,13 +109,24 @@ class MultiRig(Frozen):
             raise InputError(
                 f"rig: expected a finite ({size}, {size}) covariance, got {covariance.shape}"
             )
-        if self.residual_px is not None and len(self.residual_px) != n + 1:
+        if self.residual_px is not None and len(self.residual_px) != n + calibrated:
             raise InputError(
-                f"rig: expected residuals of {n} cameras and the projector, got "
+                f"rig: expected residuals of {n} cameras{' and the projector' * calibrated}, got "
                 f"{len(self.residual_px)} values"
             )
-        # A Rig refuses a projector at the camera's place, and what is no rigid transform.
-        Rig(self.cameras[0], self.projector, self.T_projector_camera)
+        self._check_projector()
+
+    def _check_projector(self) -> None:
+        """Refuse half a projector, and a single camera without one."""
+        if (self.projector is None) != (self.T_projector_camera is None):
+            raise InputError("rig: expected a projector together with its pose, got one of both")
+        if self.projector is not None and self.T_projector_camera is not None:
+            # A Rig refuses a projector at the camera's place, and what is no rigid transform.
+            Rig(self.cameras[0], self.projector, self.T_projector_camera)
+        elif len(self.cameras) < MIN_ALONE:
+            raise InputError(
+                "rig: expected two cameras or more without a calibrated projector, got one"
+            )
 
 
 def _check_pose(name: str, pose: FloatMap) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fringeworks.statistics.quantiles import robust_sigma
 from fringeworks.types import FloatMap, Frozen, InputError, Points
+from fringeworks.views.even_colours import even_colours
 from fringeworks.views.poses import ViewPose
 from fringeworks.views.surface_points import SurfacePoints
 
@@ -60,6 +61,7 @@ def fuse_points(
     The point is the mean weighted by 1/σ², where σ is along the camera's ray divided by the cosine
     of incidence: a point seen at a grazing angle counts less. Its noise is √(Σ w² s²) / Σ w. Errors
     of calibration and pose are alike in all points of a view, so they are averaged, not reduced.
+    Colours get the same weights, after the light of all views was made alike (``even_colours``).
     """
     if not voxel_mm > 0 or len(views) != len(poses) or not views:
         raise InputError(
@@ -85,18 +87,29 @@ def fuse_points(
     normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-12
     alone = np.sqrt(np.bincount(index, (weight * noise) ** 2, count)) / total
     shared = mean(np.sqrt(np.maximum(sigma**2 - noise**2, 0.0) + by_pose)) ** 2
-    colours = [v.colour for v in moved]
+    seen_colours = _colours(views, index)
     colour = None
-    if all(c is not None and c.ndim == 1 for c in colours):
-        colour = mean(np.concatenate([c for c in colours if c is not None]))
-    elif all(c is not None and c.ndim == 2 for c in colours):
-        every = np.concatenate([c for c in colours if c is not None])
-        colour = np.column_stack([mean(part) for part in every.T])
+    if seen_colours is not None:
+        colour = np.stack([mean(part) for part in seen_colours.T], axis=-1)
+        colour = (
+            colour if views[0].colour is not None and views[0].colour.ndim > 1 else colour[:, 0]
+        )
     pairs = np.unique(np.column_stack((index, of_view)), axis=0)
     seen = np.bincount(pairs[:, 0], minlength=count).astype(np.int32)
     points = Points(place, np.sqrt(alone**2 + shared), alone, normals=normal, colour=colour)
     off = _disagreement(index, of_view, (xyz, sigma**2, by_pose), place, normal)
     return Fused(points, seen, off)
+
+
+def _colours(views: Sequence[SurfacePoints], index: NDArray[np.intp]) -> FloatMap | None:
+    """Colours of all points (n, 1 or 3), those of all views under one light; None where a view has
+    none, or some have brightness only."""
+    colours = [v.colour for v in views if v.colour is not None]
+    if len(colours) < len(views) or len({c.ndim for c in colours}) > 1:
+        return None
+    every = np.concatenate([c.reshape(len(c), -1) for c in colours])
+    factor = even_colours(views, index)
+    return every if factor is None else np.asarray(every * factor[:, None])
 
 
 def _pose_variance(points: SurfacePoints, pose: ViewPose) -> FloatMap:

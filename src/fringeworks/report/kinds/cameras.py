@@ -30,7 +30,9 @@ def calibration_figures(calibration: MultiCalibration) -> dict[str, Any]:
     assert rig.covariance is not None
     assert rig.residual_px is not None
     sigma = np.sqrt(np.diag(rig.covariance))
-    named = zip(multi_rig_parameters(len(rig.cameras)), sigma, strict=True)
+    alone = rig.projector is None
+    names = multi_rig_parameters(len(rig.cameras), projector=not alone)
+    named = zip(names, sigma, strict=True)
     predicted = dict(zip(calibration.poses, calibration.predicted_px, strict=False))
     return {
         "cameras": [
@@ -44,7 +46,7 @@ def calibration_figures(calibration: MultiCalibration) -> dict[str, Any]:
                 zip(calibration.observations, rig.T_camera_first, strict=True), 1
             )
         ],
-        "projector_rms_px": rig.residual_px[-1],
+        "projector_rms_px": None if alone else rig.residual_px[-1],
         "sigma": {name: float(value) for name, value in named},
         "predicted_rms_px": predicted,
         "skipped": calibration.skipped,
@@ -73,7 +75,8 @@ def calibration_words(_: MultiCalibration, figures: dict[str, Any]) -> Iterator[
             f"camera {camera['number']}: {len(camera['poses'])} poses, reprojection "
             f"{number(camera['rms_px'])} px, at ({place}) mm"
         )
-    yield f"projector: reprojection {number(figures['projector_rms_px'])} px"
+    if figures["projector_rms_px"] is not None:
+        yield f"projector: reprojection {number(figures['projector_rms_px'])} px"
     for name, value in figures["predicted_rms_px"].items():
         yield f"{name}: predicted by the others to {number(value)} px rms"
     yield from finding_words(figures)
@@ -108,6 +111,7 @@ def _of_camera(number: int, seen: CameraPoints) -> dict[str, Any]:
         "number": number,
         "points": int(ok.sum()),
         "confirmed_by_cameras": int(seen.matched.sum()),
+        "misfit_px": seen.misfit_px,
         "reasons": count_reasons(seen.points.reason),
         "median_sigma_mm": _median(seen.points.sigma_mm[ok]),
         "pairs": {
@@ -135,10 +139,10 @@ def point_words(_: MultiMeasurement, figures: dict[str, Any]) -> Iterator[Word]:
     """Points of each camera and of its pairs."""
     yield from finding_words(figures)
     for camera in figures["cameras"]:
-        yield (
-            f"camera {camera['number']}: {camera['points']} points, "
-            f"{camera['confirmed_by_cameras']} confirmed by another camera"
-        )
+        line = f"camera {camera['number']}: {camera['points']} points"
+        if len(camera["pairs"]) > 1:
+            line += f", {camera['confirmed_by_cameras']} confirmed by another camera"
+        yield line
         for name, pair in camera["pairs"].items():
             if pair["points"]:
                 yield (
@@ -157,20 +161,31 @@ def picture(found: MultiMeasurement, name: str | None) -> Sheet:
         cloud = seen.points
         sigmas = seen.difference_sigmas
         apart = sigmas[np.isfinite(sigmas)]
-        confirmed = float(np.mean(seen.matched[cloud.reason == Reason.OK]))
-        usual = f"{number(float(np.sqrt(np.mean(apart**2))))} σ rms" if apart.size else "none"
-        facts.append(
-            f"camera {k}: {percent(1.0 - cloud.failed_fraction)} measured   ·   "
-            f"{percent(confirmed)} of them confirmed by another camera   ·   difference {usual}"
-        )
+        fact = f"camera {k}: {percent(1.0 - cloud.failed_fraction)} measured"
+        if len(seen.devices) > 1:
+            confirmed = float(np.mean(seen.matched[cloud.reason == Reason.OK]))
+            usual = f"{number(float(np.sqrt(np.mean(apart**2))))} σ rms" if apart.size else "none"
+            fact += f"   ·   {percent(confirmed)} of them confirmed by another camera"
+            fact += f"   ·   difference {usual}"
+        facts.append(fact)
         panels += [
             Panel(f"camera {k}: depth z", cloud.xyz_mm[..., 2], "depth", "mm"),
             Panel(f"camera {k}: σ along the ray", cloud.sigma_mm, "sigma", "mm"),
-            Panel(f"camera {k}: cameras less projector", seen.difference_mm, "values", "mm"),
-            Panel(f"camera {k}: the same over its σ", sigmas, "values", "σ"),
         ]
+        if "projector" in seen.devices:
+            panels += [
+                Panel(f"camera {k}: cameras less projector", seen.difference_mm, "values", "mm"),
+                Panel(f"camera {k}: the same over its σ", sigmas, "values", "σ"),
+            ]
+        elif seen.across_sigmas is not None and cloud.residual_px is not None:
+            off = cloud.residual_px
+            panels += [
+                Panel(f"camera {k}: distance from the epipolar line", off, "values", "px"),
+                Panel(f"camera {k}: the same over its σ", seen.across_sigmas, "values", "σ"),
+            ]
     title = titled(name, "Points of several cameras")
-    return Sheet(title, "\n".join(facts), panels, columns=4, findings=found.findings)
+    columns = len(panels) // len(found.cameras)
+    return Sheet(title, "\n".join(facts), panels, columns=columns, findings=found.findings)
 
 
 describe(MultiCalibration, Kind(calibration_figures, calibration_words))

@@ -11,6 +11,7 @@ import typer
 
 import fringeworks as fw
 from fringeworks.cli import output
+from fringeworks.types.numbers import number
 
 if TYPE_CHECKING:
     from fringeworks.cli.options import Ply
@@ -59,7 +60,7 @@ def scan_part(
         if step.kind == "stop":
             words.say(f"enough: {step.why}")
         else:
-            times = "" if step.factor == 1.0 else f" with {step.factor:.2g} times the exposure"
+            times = "" if step.factor == 1.0 else f" with {number(step.factor)} times the exposure"
             words.say(f"{step.kind}: {step.captures} × all frames{times}: {step.why}")
 
     with devices as bench, output.progress() as progress:

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from fringeworks.types import CameraNoise, Frozen
+from fringeworks.types.numbers import percent, sigma_text
 from fringeworks.types.recipe import USUAL_RISK
 
 LOOKS = 4
@@ -154,11 +155,11 @@ def _for_coverage(one: OpenCheck, state: ScanState) -> ScanStep | None:
     if one.saturated > max(MISSING, one.dark):
         factor = max(min(taken) / COVERAGE_FACTOR, low)
         if factor < min(taken) / LEAST_LONGER:
-            return ScanStep("shorter", 1, factor, f"{one.name}: {one.saturated:.0%} saturated")
+            return ScanStep("shorter", 1, factor, f"{one.name}: {percent(one.saturated)} saturated")
     elif one.dark > MISSING:
         factor = min(max(taken) * COVERAGE_FACTOR, high)
         if factor > max(taken) * LEAST_LONGER:
-            return ScanStep("longer", 1, factor, f"{one.name}: {one.dark:.0%} too dark")
+            return ScanStep("longer", 1, factor, f"{one.name}: {percent(one.dark)} too dark")
     return ScanStep("stop", 0, 1.0, f"{one.name}: more frames from here change nothing")
 
 
@@ -182,7 +183,7 @@ def _for_noise(one: OpenCheck, state: ScanState, left: int) -> ScanStep:
     for size, kind in ((1.0, "repeat"), (factor, "longer")):
         if kind == "repeat" or size > LEAST_LONGER:
             count = int(np.clip(np.ceil(more / information(state, size)), 1, left))
-            why = f"{one.name}: σ of {one.noise:.2g} by noise, {one.gap:.2g} from a limit"
+            why = f"{one.name}: σ of {sigma_text(one.noise)} by noise, {sigma_text(one.gap)} from a limit"
             found.append(ScanStep(kind, count, size, why))  # type: ignore[arg-type]
     return min(found, key=lambda step: _seconds(step, state))
 

@@ -440,6 +440,7 @@ def test_cells_of_one_period_on_the_object(real_data, object_scene, axis):
     found, both = decode(frames, plan).maps[axis], object_scene.maps[axis]
     lit = (both.modulations > 10).all(axis=0) & (both.reason == Reason.OK)
     off = np.abs(found.coordinate_px - both.coordinate_px)[lit]
-    assert np.isfinite(off).mean() > 0.87
+    # Found: 0.99; neighbours decide at the ends of the cells.
+    assert np.isfinite(off).mean() > 0.97
     # Found: 0.00005 along x, 0.0005 along y, where indirect light leaves the bits little contrast.
     assert np.mean(off[np.isfinite(off)] > 50.0) < 7e-4

@@ -183,7 +183,8 @@ def _for_noise(one: OpenCheck, state: ScanState, left: int) -> ScanStep:
     for size, kind in ((1.0, "repeat"), (factor, "longer")):
         if kind == "repeat" or size > LEAST_LONGER:
             count = int(np.clip(np.ceil(more / information(state, size)), 1, left))
-            why = f"{one.name}: σ of {sigma_text(one.noise)} by noise, {sigma_text(one.gap)} from a limit"
+            noise, gap = sigma_text(one.noise), sigma_text(one.gap)
+            why = f"{one.name}: σ of {noise} by noise, {gap} from a limit"
             found.append(ScanStep(kind, count, size, why))  # type: ignore[arg-type]
     return min(found, key=lambda step: _seconds(step, state))
 

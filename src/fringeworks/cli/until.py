@@ -11,7 +11,6 @@ import typer
 
 import fringeworks as fw
 from fringeworks.cli import output
-from fringeworks.types.numbers import number
 
 if TYPE_CHECKING:
     from fringeworks.cli.options import Ply
@@ -55,6 +54,8 @@ def scan_part(
     assert until.until is not None
     known = fw.files.read_rig(rig)
     recipe = replace(fw.files.read_recipe(until.until), rig=known)
+
+    from fringeworks.types.numbers import number  # when it is used
 
     def tell(step: fw.evaluate.ScanStep) -> None:
         if step.kind == "stop":

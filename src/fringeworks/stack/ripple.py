@@ -158,7 +158,9 @@ class Ripple:
             return 0.0
         k = self.orders.index(order)
         z = complex(self.phasors_rad[k])
-        return z if abs(z) > significant_amplitude(self.freedom) * self.errors_rad[k] else 0.0
+        # Relief makes low orders. Those of a response are too fine for it, and usual in all stacks.
+        freedom = self.freedom if order < RESPONSE_ORDER else float("inf")
+        return z if abs(z) > significant_amplitude(freedom) * self.errors_rad[k] else 0.0
 
 
 def significant_amplitude(freedom: float) -> float:

@@ -89,9 +89,9 @@ the reach, the shorter are the cells that a period needs.
 MIN_GRAY_TOLERANCE = 0.1
 """Smallest error that the rounding after a Gray code tolerates, turns of the first combination.
 
-It holds for cells of 0.67 periods or more. The decoder refuses pixels near the ends of their cell
-that noise could move by a period: at this error a fifth of all, with cells of one period. A smaller
-value would refuse more noisy pixels as a whole. An empirical choice.
+It holds for cells of 0.67 periods or more, and says how much noise a plan bears. The decoder judges
+each pixel by itself: it asks the neighbours of those near the ends of their cell that noise could
+move by a period, at this error a fifth of all, with cells of one period. An empirical choice.
 """
 
 

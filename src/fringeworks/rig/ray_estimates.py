@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fringeworks.rig.coded_places import inverse_depths_by_code
 from fringeworks.rig.device_errors import DeviceErrors
@@ -128,13 +129,21 @@ def estimates_of(
     """
     v, u = np.nonzero(cloud.reason == Reason.OK)
     pixels = np.stack((u, v), axis=-1).astype(np.float64)
-    goal = np.stack([decoded.maps[a].coordinate_px[v, u] for a in axes], -1).astype(np.float64)
-    own = np.stack([decoded.maps[a].sigma_px[v, u] for a in axes], -1).astype(np.float64) ** 2
+    goal, own = _codes(decoded, (v, u), axes)
     w = 1.0 / cloud.xyz_mm[v, u, 2].astype(np.float64)
     ray = rays(rig.cameras[camera], pixels)
     columns = [_by_projector(rig, camera, ray, w, own, axes)]
     columns += [_by_camera(rig, camera, other, (ray, w, goal), fields[other]) for other in fields]
     return _joined(("projector", *fields), pixels, ray, own, columns)
+
+
+def _codes(
+    decoded: Decoded, at: tuple[NDArray[np.intp], NDArray[np.intp]], axes: Sequence[Axis]
+) -> tuple[FloatMap, FloatMap]:
+    """Coordinates of some pixels along the axes and their variances, (n, a), px and px²."""
+    goal = np.stack([decoded.maps[a].coordinate_px[at] for a in axes], -1).astype(np.float64)
+    sigma = np.stack([decoded.maps[a].sigma_px[at] for a in axes], -1).astype(np.float64)
+    return goal, sigma**2
 
 
 def estimates_by_code(
@@ -164,8 +173,7 @@ def estimates_by_code(
     }
     v, u = np.nonzero(np.logical_or.reduce([np.isfinite(w) for w in starts.values()]))
     pixels = np.stack((u, v), axis=-1).astype(np.float64)
-    goal = np.stack([here.maps[a].coordinate_px[v, u] for a in axes], -1).astype(np.float64)
-    own = np.stack([here.maps[a].sigma_px[v, u] for a in axes], -1).astype(np.float64) ** 2
+    goal, own = _codes(here, (v, u), axes)
     ray = rays(rig.cameras[camera], pixels)
     columns = [
         _by_camera(rig, camera, other, (ray, starts[other][v, u], goal), fields[other])

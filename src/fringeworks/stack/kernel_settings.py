@@ -35,9 +35,8 @@ pixels (Rayleigh distribution). A larger value would discard weak fringes that c
 """
 
 LEAST_SNR = 2.0
-"""The same against all that scatters along smooth lines, too. Phase errors of up to 0.5 rad still
-have the variance that follows from it, to 10 %; below, they are no longer those of a normal
-distribution."""
+"""The same against all that scatters along smooth lines, too. At three, phase errors are 4 % larger
+than their σ, at two a fifth; below, they are no longer those of a normal distribution."""
 
 SEAM_SIGMAS = 3.0
 """Largest distance of a coordinate beyond the range or its Gray-code cell, in standard deviations.

@@ -39,11 +39,6 @@ judged by its next neighbours, so a strict test loses nothing."""
 MOST_RADIUS = 7
 """Largest distance of a window's edge from its middle, px, that the kernel allows."""
 
-CELLS_RADIUS = 7
-"""Distance from the middle of the window whose Gray-code cells are compared to its edges, px: the
-largest that the kernel allows. A window reaches from the end of a cell to its middle on surfaces of
-up to 15 px per cell."""
-
 CELLS_AHEAD = 8
 """By how many more pixels of a window the order must be allowed than any other. Four would do if
 the cells of neighbours were in error independently, each of them one in 20; a second surface in the
@@ -116,7 +111,7 @@ def vote(decoding: Decoding, kernel: _core.DecodeSettings, results: dict[str, An
     """
     if decoding.gray is not None:
         cells: _core._CellRules = {
-            "radius": CELLS_RADIUS,
+            "radius": MOST_RADIUS,  # from the end of a cell of up to 15 px to its middle
             "ahead": CELLS_AHEAD,
             "others": CELLS_OTHERS,
             "continued": CELLS_CONTINUED,

@@ -2,8 +2,8 @@
 
 use crate::{Error, check_length};
 
-/// Maps of one kind, one for each set.
-type Maps<'a> = Vec<&'a mut [f32]>;
+/// Maps of one kind.
+pub type Maps<'a> = Vec<&'a mut [f32]>;
 
 /// Output maps, each with one value per pixel of the frames.
 pub struct Outputs<'a> {
@@ -18,14 +18,14 @@ pub struct Outputs<'a> {
     /// Codes of [`crate::Reason`].
     pub reason: &'a mut [u8],
     /// Wrapped phase of every set, rad; or no maps.
-    pub phases: Vec<&'a mut [f32]>,
+    pub phases: Maps<'a>,
     /// Modulation of every set, counts; or no maps.
-    pub modulations: Vec<&'a mut [f32]>,
+    pub modulations: Maps<'a>,
     /// Variance of the phase of every set by noise, times the pixel's factor, rad²; or no maps.
-    pub variances: Vec<&'a mut [f32]>,
+    pub variances: Maps<'a>,
     /// Middle and half width of the range that the Gray code leaves to every pixel, px, the middle NaN
     /// where it leaves several; or no maps.
-    pub cells: Vec<&'a mut [f32]>,
+    pub cells: Maps<'a>,
     /// Disagreement of the sets, χ²; or empty.
     pub disagreement: &'a mut [f32],
     /// Read, not written: factor on the variances of the pixel's phases, ≥ 1; or empty.

@@ -114,7 +114,7 @@ pub fn vote_cells(
     (phase, variance): (Image<f32>, Image<f32>),
     cells: &Cells,
     rules: &CellRules,
-    out: Measured,
+    mut out: Measured,
 ) -> Result<usize, Error> {
     check_value("sets", settings.sets.len() == 1, "one", settings.sets.len())?;
     let Some(code) = &settings.gray_code else {
@@ -140,15 +140,15 @@ pub fn vote_cells(
     let orders: Vec<i32> = (0..field.len())
         .into_par_iter()
         .map(|i| {
-            let asked = out.reason[i] == ambiguous && field.is_lit(i);
-            let own = orders_of(&field, cells, i, code.slack + field.slack(i));
-            let own = own.filter(|_| asked);
-            own.and_then(|own| common(&field, &allowed, &own, i, rules))
+            if out.reason[i] != ambiguous {
+                return UNDECIDED;
+            }
+            orders_of(&field, cells, i, code.slack + field.slack(i))
+                .and_then(|own| common(&field, &allowed, &own, i, rules))
                 .unwrap_or(UNDECIDED)
         })
         .collect();
     let none = vec![false; field.len()];
-    let mut out = out;
     Ok(super::write(&field, &orders, &none, &mut out))
 }
 

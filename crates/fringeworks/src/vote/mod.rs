@@ -12,6 +12,8 @@
 //! 2. A window across a depth step fits no order. Its pixel gets the order of the votes next to it that
 //!    its finest phase continues (`spread`); where these differ, its next neighbours decide.
 //!
+//! With a Gray code it is the cells of the window that decide (`cells`).
+//!
 //! The finest phase does not show a step of a whole period. The other phases do: such a window fits no
 //! order, so no order crosses the step unseen.
 

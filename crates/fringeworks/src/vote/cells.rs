@@ -123,8 +123,12 @@ pub fn vote_cells(
     let inside = (1..=super::MAX_RADIUS).contains(&rules.radius);
     check_value("radius", inside, "1 to 7", rules.radius)?;
     let shape = out.coordinate.shape();
-    for map in [&phase, &variance, &cells.middle, &cells.half_width] {
-        check_shape("maps", map.shape(), shape)?;
+    let read = [&phase, &variance, &cells.middle, &cells.half_width].map(|map| map.shape());
+    for other in read
+        .into_iter()
+        .chain([out.sigma.shape(), out.reason.shape()])
+    {
+        check_shape("maps", other, shape)?;
     }
     let (phases, variances) = ([phase], [variance]);
     let field = Field::new(settings, &phases, &variances, &out.reason);

@@ -1,6 +1,7 @@
 """Prints how much memory calls of the library need beside their inputs and results, as JSON, MB.
 
-A program of its own: other tests leave memory in the allocator, which hides what a call needs.
+Each call runs in a process of its own, two at a time: what others leave in the heap, free but
+resident or resident but in pieces, changed the figure of one call by 10 or 20 MB.
 """
 
 from __future__ import annotations
@@ -9,8 +10,11 @@ import ctypes
 import dataclasses
 import gc
 import json
+import os
+import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +54,7 @@ def size_mb(value: Any, seen: set[int]) -> float:
 def extra_mb(call: Callable[[], Any]) -> float:
     """Peak of a call beyond what is there before and what it returns: the middle one of three.
 
-    Tasks of several threads that meet by chance, and pages that the allocator keeps, change it.
+    Tasks of several threads that meet by chance change it.
     """
     call()
     return sorted(one_peak_mb(call) for _ in range(3))[1]
@@ -100,11 +104,14 @@ def stacks() -> Calls:
             stream.add(frame)
         return stream.result(), frames  # as much as the copies that it keeps
 
+    def refilled() -> None:
+        decoder.points(frames)  # the result lies in memory that the decoder keeps
+
     return {
         "decode": lambda: fw.decode(frames, plan),
         "decode, float": lambda: fw.decode(floats, plan),
         "StreamingDecoder": streamed,
-        "Decoder.points": lambda: decoder.points(frames),
+        "Decoder.points": refilled,
         "triangulate": lambda: fw.triangulate(decoded, rig),
         "wrapped_phase": lambda: fw.stack.wrapped_phase(frames[:4], fw.patterns.equal_steps(4)),
     }
@@ -139,6 +146,61 @@ def pairs() -> Calls:
     return {f"analyse, {name}": lambda name=name: fw.analyse(scene, name) for name in fw.methods()}
 
 
+GROUPS = {"stacks": stacks, "waves": waves, "pairs": pairs}
+NAMES = {
+    "stacks": (
+        "decode",
+        "decode, float",
+        "StreamingDecoder",
+        "Decoder.points",
+        "triangulate",
+        "wrapped_phase",
+    ),
+    "waves": (
+        "wavelet_ridge",
+        "decompose_rows",
+        "denoise",
+        "decompose_frame",
+        "windowed_fourier_filter",
+        "unwrap, smooth",
+        "unwrap, noisy",
+    ),
+    "pairs": tuple(f"analyse, {name}" for name in fw.methods()),
+}
+"""Calls of each group, whose inputs take seconds to make."""
+
+SETTINGS = {
+    "MALLOC_MMAP_THRESHOLD_": "131072",
+    "MALLOC_ARENA_MAX": "1",
+    "RAYON_NUM_THREADS": "2",
+}
+"""Each thread has buffers of its own, so that their number is fixed. And the GNU allocator gives
+arrays back as soon as they are freed; otherwise it learns to keep tens of megabytes, which a call
+finds there or not by chance."""
+
+
+def alone_mb(group: str, name: str) -> float:
+    """What a call needs, measured in another process."""
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.memory_probe", group, name],
+        env=os.environ | SETTINGS,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return float(done.stdout)
+
+
+def main() -> None:
+    if sys.argv[1:]:
+        group, name = sys.argv[1:]
+        print(extra_mb(GROUPS[group]()[name]))
+        return
+    wanted = [(group, name) for group, names in NAMES.items() for name in names]
+    with ThreadPoolExecutor(2) as pool:
+        found = pool.map(lambda call: alone_mb(*call), wanted)
+        json.dump({name: mb for (_, name), mb in zip(wanted, found, strict=True)}, sys.stdout)
+
+
 if __name__ == "__main__":
-    calls = {**stacks(), **waves(), **pairs()}
-    json.dump({name: extra_mb(call) for name, call in calls.items()}, sys.stdout)
+    main()

@@ -259,22 +259,22 @@ def _low_order_chi_square(rig, decoded, view, found) -> float:
 
 @pytest.mark.long
 @pytest.mark.parametrize("axes", ["x", "xy"])
-def test_ripple_of_a_projector_cancels_between_cameras(axes):
-    """γ = 2.2 and three steps, uncorrected: the merged ripple is a fifth of one camera's or less."""
+def test_ripple_of_a_projector_is_gone_between_cameras(axes):
+    """γ = 2.2 and three steps: what decoding leaves of 0.18 rad of ripple adds little to noise."""
     rig = small_rig(0.4)
     views = views_of(rig, [surfaces(1)["plane"]])
     plan = gray_plan(rig, period_px=20.0, steps=3, axes=axes)
-    decoded = photographed(views, plan, Optics(gamma=2.2, noise=0.5, seed=3))
-    found = measured(rig, decoded, axes=tuple(axes))
-    assert found.matched.sum() > 0.85 * (found.points.reason == Reason.OK).sum()
-    error, single = (
-        truth_distance(views[0].points_mm, c.xyz_mm)[found.matched]
-        for c in (found.points, found.pairs[0])
-    )
-    assert np.sqrt(np.mean(error**2)) <= np.sqrt(np.mean(single**2)) / 5.0
-    score = np.abs(error / found.points.sigma_mm[found.matched])
-    assert 0.60 <= np.mean(score < 1) <= 0.80
-    assert 0.90 <= np.mean(score < 2) <= 0.98
+    rms = {}
+    for gamma in (1.0, 2.2):
+        decoded = photographed(views, plan, Optics(gamma=gamma, noise=0.5, seed=3))
+        found = measured(rig, decoded, axes=tuple(axes))
+        assert found.matched.sum() > 0.85 * (found.points.reason == Reason.OK).sum()
+        error = truth_distance(views[0].points_mm, found.points.xyz_mm)[found.matched]
+        rms[gamma] = np.sqrt(np.mean(error**2))
+        score = np.abs(error / found.points.sigma_mm[found.matched])
+        assert 0.60 <= np.mean(score < 1) <= 0.80
+        assert 0.90 <= np.mean(score < 2) <= 0.98
+    assert rms[2.2] < 2.0 * rms[1.0]
 
 
 def test_a_moved_camera_is_a_finding():

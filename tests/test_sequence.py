@@ -99,12 +99,16 @@ def errors(coordinate, time, truth):
     return np.where(known, coordinate - 0.5 * (before + after), np.nan)
 
 
+STILL_PX = 0.02
+"""Pixels that change by less from frame to frame are as good by either way."""
+
+
 def rms(values) -> float:
     return float(np.sqrt(np.nanmean(values**2)))
 
 
 def compared(scene, plan, cycle):
-    """Rms errors of both ways on pixels that both measure, and what each measures."""
+    """Rms errors of both ways on moving pixels that both measure, and what each measures."""
     n = plan.frames
     frames, truth = taken(scene, plan, 3 * n)
     moments = {m.first_frame: m for m in fw.stack.decode_sequence(frames, plan, every=n)}
@@ -112,7 +116,8 @@ def compared(scene, plan, cycle):
     moved = errors(moment.decoded.x.coordinate_px, moment.time_frames, truth)
     plain = fw.decode(frames[cycle * n : (cycle + 1) * n], plan).x.coordinate_px
     plain = errors(plain, moment.time_frames, truth)
-    both = np.isfinite(moved) & np.isfinite(plain)
+    change = truth[int(np.floor(moment.time_frames)) + 1] - truth[int(np.floor(moment.time_frames))]
+    both = np.isfinite(moved) & np.isfinite(plain) & (np.abs(change) > STILL_PX)
     sigma = np.where(np.isfinite(moved), moment.decoded.x.sigma_px, np.nan)
     shares = np.isfinite(moved).mean(), np.isfinite(plain).mean()
     return rms(moved[both]), rms(plain[both]), shares, moved / sigma

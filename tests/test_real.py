@@ -256,6 +256,13 @@ def object_scene(real_data):
     return decode(frames, plan, keep_phases=True)
 
 
+def test_the_object_stood_still_under_a_bent_response(object_scene):
+    """Ripples of two sets, 0.34 rad at three per fringe, once passed for steps of 117° along y."""
+    kinds = {f.kind for f in object_scene.findings}
+    assert "response" in kinds
+    assert not kinds & {"motion", "steps", "flicker"}
+
+
 @pytest.mark.parametrize("axis", ["x", "y"])
 def test_periods_and_code_agree_on_the_object(object_scene, axis):
     found = object_scene.maps[axis]
@@ -437,10 +444,15 @@ def test_cells_of_one_period_on_the_object(real_data, object_scene, axis):
         ),
     )
     frames = shots(real_data / "object_gray_phase", [phase, phase + 1, phase + 2, *code, 30, 31])
-    found, both = decode(frames, plan).maps[axis], object_scene.maps[axis]
+    decoded = decode(frames, plan)
+    found, both = decoded.maps[axis], object_scene.maps[axis]
     lit = (both.modulations > 10).all(axis=0) & (both.reason == Reason.OK)
     off = np.abs(found.coordinate_px - both.coordinate_px)[lit]
     # Found: 0.99; neighbours decide at the ends of the cells.
     assert np.isfinite(off).mean() > 0.97
     # Found: 0.00005 along x, 0.0005 along y, where indirect light leaves the bits little contrast.
     assert np.mean(off[np.isfinite(off)] > 50.0) < 7e-4
+    # Found: 1.2 and 1.1 px; 3.8 px with the ripple of the response, 0.33 rad at three per fringe,
+    # which the evenly spread phases show where the relief hides it along lines.
+    assert np.sqrt(np.mean(off[off < 50.0] ** 2)) < 1.5
+    assert "response" in {f.kind for f in decoded.findings}

@@ -12,6 +12,7 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames, lit_pixels
+from fringeworks.stack.phase_spread import with_spread
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import (
     LINES_NOISE_ALONE,
@@ -119,9 +120,13 @@ def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known)
     if not bright.any():
         return None
     turns = np.where(bright, maps["phases"][k] / TURN, 0.0)
-    found = measure_ripple(turns, bright, sigma, orders_of(phases), len(phases.frames))
+    steps = len(phases.frames)
+    found = measure_ripple(turns, bright, sigma, orders_of(phases), steps)
     if found is None:
         return None
+    if not found.repeated:
+        even = bright & ~(background + modulation >= known.limits.threshold)
+        found = with_spread(found, maps["phases"][k], even, steps)
     return replace(found, background_ratio=median(background[bright] / modulation[bright]))
 
 

@@ -1,0 +1,77 @@
+"""Ripple of a response from how evenly phases are spread, over relief that hides it along lines."""
+
+import numpy as np
+import pytest
+
+from fringeworks.stack.phase_spread import with_spread
+from fringeworks.stack.ripple import Ripple
+from tests.grids import quick
+
+ORDERS = (1, 2, 3, 6)
+AMPLITUDE = {3: -0.32j, 6: 0.05j}
+FEW = Ripple(
+    ORDERS,
+    np.array([0.0, 0.0, -0.30j, 0.04j]),
+    np.array([0.03, 0.02, 0.03, 0.02]),
+    20.0,
+    error_rad=0.03,
+    places=2,
+)
+"""What lines show at two places."""
+
+
+def lines(seed, fringes=20.0, ripple=AMPLITUDE, rows=24, length=1200):
+    """Phases along lines over a rough surface with edges, alike along all lines, and their lit
+    pixels."""
+    rng = np.random.default_rng(seed)
+    u = np.linspace(0.0, 1.0, length)
+    phase = 2.0 * np.pi * fringes * u
+    for k in range(1, 12):
+        phase = phase + rng.normal(0.0, 2.0 * fringes / 20.0) * np.sin(np.pi * k * u) / k**0.5
+    for edge in rng.integers(0, length, 12):
+        phase[edge:] += rng.uniform(-3.0, 3.0)
+    phase = phase + np.linspace(0.0, rng.uniform(-3.0, 3.0), rows)[:, None]
+    lit = np.ones(phase.shape, bool)
+    for first in rng.integers(0, length, 4):
+        lit[:, first : first + 60] = False
+    error = sum(np.real(z * np.exp(-1j * k * phase)) for k, z in ripple.items())
+    measured = phase + error + rng.normal(0.0, 0.03, phase.shape)
+    return np.angle(np.exp(1j * measured)).astype(np.float32), lit
+
+
+def off(found):
+    """Errors of the amplitudes of a response, in standard errors."""
+    at = [ORDERS.index(k) for k in AMPLITUDE]
+    return np.abs(found.phasors_rad[at] - list(AMPLITUDE.values())) / found.errors_rad[at]
+
+
+@pytest.mark.parametrize("first", quick([0, 20, 40], 0))
+def test_spread_tells_the_response_within_its_error(first):
+    every = [with_spread(FEW, *lines(seed), 3) for seed in range(first, first + 20)]
+    told = [found for found in every if found.repeated]
+    assert len(told) >= 15
+    assert all((found.errors_rad < FEW.errors_rad)[2:].all() for found in told)
+    # Sizes of complex errors, relative to the standard error of each part.
+    assert np.sqrt(np.mean([off(found) ** 2 for found in told]) / 2.0) < 1.0
+    assert max(off(found).max() for found in told) < 3.0
+
+
+def test_other_orders_stay_those_of_the_lines():
+    found = with_spread(FEW, *lines(0), 3)
+    assert np.array_equal(found.phasors_rad[:2], FEW.phasors_rad[:2])
+    assert np.array_equal(found.errors_rad[:2], FEW.errors_rad[:2])
+
+
+@pytest.mark.parametrize("fringes", [0.4, 1.3])
+def test_few_fringes_tell_hardly_anything(fringes):
+    """They do where each line begins at another phase, so that all phases are seen."""
+    every = [with_spread(FEW, *lines(seed, fringes), 3) for seed in range(40)]
+    told = [found for found in every if found.repeated]
+    assert len(told) < 12
+    assert all(off(found).max() < 3.0 for found in told)
+
+
+def test_no_response_is_found_where_there_is_none():
+    """Relief once made a ripple along lines; the spread contradicts it."""
+    for seed in range(40):
+        assert with_spread(FEW, *lines(seed, ripple={}), 3) is FEW

@@ -43,9 +43,12 @@ ripple that moves the brightness itself, all pixels are alike."""
 OUTLIER_SIGMAS = 4.0
 """Residuals beyond this many standard deviations do not take part, for example wrong orders."""
 
-PASSES = 6
-"""Fits after one another, each at the phases without the ripple of the one before, and steps to
-those phases: 0.35 rad of ripple, as γ = 2.8 makes of three steps, leaves 1e-3 rad."""
+PASSES = 10
+"""Most fits after one another, each at the phases without the ripple of those before."""
+
+SETTLED_RAD = 0.01
+"""Change of those phases, rms, below which another fit changes a ripple of three per fringe by less
+than 3 % of itself. Without ripple, the first fit is the last."""
 
 MAX_RESIDUAL_RAD = 0.5
 """Largest standard deviation of residuals that a ripple is measured from, rad. Residuals are known
@@ -137,10 +140,16 @@ def ripples_of_sets(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> lis
     first, _ = _expected(waves, gram(waves), phases, orders)
     left = np.abs(phases.residual_rad - _explained(waves, phases, orders, first))
     limit = OUTLIER_SIGMAS * MAD_TO_SIGMA * np.array([[median(row)] for row in left])
-    phases = phases.at(np.all(left <= limit, axis=0))
-    taken = first
+    kept = np.all(left <= limit, axis=0)
+    waves, phases = waves[:, kept], phases.at(kept)
+    products = gram(waves)
+    expected, covariance = _expected(waves, products, phases, orders)
+    taken, phase = expected, phases.phase_rad
     for _ in range(PASSES):
-        waves = _waves(_true_phases(phases, orders, taken), orders)
+        phase, before = _true_phases(waves, phases, orders, taken), phase
+        if np.std(phase - before) < SETTLED_RAD:
+            break
+        waves = _waves(phase, orders)
         products = gram(waves)
         expected, covariance = _expected(waves, products, phases, orders)
         taken = 0.5 * (taken + expected)  # whole steps go too far
@@ -175,16 +184,13 @@ def _waves(phase_rad: FloatMap, orders: Sequence[tuple[int, ...]]) -> FloatMap:
 
 
 def _true_phases(
-    phases: SetPhases, orders: Sequence[tuple[int, ...]], coefficients: FloatMap
+    waves: FloatMap, phases: SetPhases, orders: Sequence[tuple[int, ...]], coefficients: FloatMap
 ) -> FloatMap:
     """Phases of the coordinate without its ripple, (M, n), rad."""
-    phase = phases.phase_rad
     share = (phases.frequency / phases.variance)[: len(orders)]
     total = phases.frequency @ (phases.frequency / phases.variance)
-    for _ in range(PASSES):
-        own = np.add.reduceat(coefficients[:, None] * _waves(phase, orders), _first_rows(orders))
-        phase = phases.phase_rad - np.outer(phases.frequency, share @ own / total)
-    return np.asarray(phase)
+    own = np.add.reduceat(coefficients[:, None] * waves, _first_rows(orders))
+    return np.asarray(phases.phase_rad - np.outer(phases.frequency, share @ own / total))
 
 
 def _first_rows(orders: Sequence[tuple[int, ...]]) -> NDArray[np.intp]:

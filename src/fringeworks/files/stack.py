@@ -42,6 +42,8 @@ from fringeworks.types import NUMBERS, FileProblem, FramesContradictPlan, Region
 
 STACK_SUFFIXES = (*TIFF_SUFFIXES, ".npy", ".npz", *VIDEO_SUFFIXES)
 """Single files that hold a stack."""
+MOST_LEVELS = 3
+"""Folders below a folder that are looked into for captures: part, day and pose."""
 MOST_NAMES = 8
 """Largest number of names that a message lists."""
 OTHER_SUFFIXES = (".toml", ".txt", ".md", ".json", ".log", ".csv", ".npy", ".npz", *TIFF_SUFFIXES)
@@ -315,14 +317,27 @@ def _described(folder: Path) -> StackFile:
 
 def captures_in(folder: Path) -> str:
     """Which captures a folder holds in place of one, as the end of a message."""
-    names = sorted(
-        path.name
-        for path in folder.iterdir()
-        if is_folder(path) and any(is_file(path / name) for name in (CAPTURE_FILE, PLAN_FILE))
-    )
+    names = sorted(path.relative_to(folder).as_posix() for path in _below(folder, MOST_LEVELS))
     more = f" and {len(names) - MOST_NAMES} others" if len(names) > MOST_NAMES else ""
     shown = ", ".join(names[:MOST_NAMES])
     return f"; it holds captures: {shown}{more}; give one of them" if names else ""
+
+
+def _below(folder: Path, levels: int) -> Iterator[Path]:
+    """The captures in a folder and in its folders, down to a number of levels."""
+    for path in folder.iterdir():
+        if not is_folder(path) or path.is_symlink():
+            continue
+        if any(is_file(path / name) for name in (CAPTURE_FILE, PLAN_FILE)):
+            yield path
+        elif levels > 1:
+            yield from _below(path, levels - 1)
+
+
+def _part_of_capture(path: Path) -> str:
+    """What to give in place of a file that belongs to a capture, as the end of a message."""
+    inside = any(is_file(path.parent / name) for name in (CAPTURE_FILE, PLAN_FILE))
+    return f"; it belongs to a capture: give its folder, {path.parent}" if inside else ""
 
 
 def images_of(folder: Path) -> list[Path]:
@@ -340,14 +355,27 @@ def images_of(folder: Path) -> list[Path]:
         if others:
             told_kinds = ", ".join(f"{n} {kind} files" for kind, n in others[:MOST_NAMES])
             raise FileProblem(
-                f"{folder}: expected images ({', '.join(suffixes)}), got {told_kinds}, which are "
-                "not read; convert them first"
+                f"{folder}: expected images ({', '.join(suffixes)}), got {told_kinds}"
+                f"{_instead({kind for kind, _ in others})}"
+            )
+        arrays = [kind for kind in (".npy", ".npz") if kinds[kind]]
+        if arrays:
+            raise FileProblem(
+                f"{folder}: expected images ({', '.join(suffixes)}), got {kinds[arrays[0]]} "
+                f"{arrays[0]} files; give one file that holds all frames, (n, h, w)"
             )
     if len(found) == 1 and found[0].suffix.lower() in TIFF_SUFFIXES:
         raise FileProblem(
             f"{folder}: expected one image per frame, got one TIFF; name it as the capture itself"
         )
     return by_name(found)
+
+
+def _instead(kinds: set[str]) -> str:
+    """What to do with files of these kinds in place of images, as the end of a message."""
+    if kinds <= set(VIDEO_SUFFIXES):
+        return "; a capture is one video: give one of them"
+    return ", which are not read; convert them first"
 
 
 def video_in(folder: Path) -> str | None:
@@ -406,5 +434,6 @@ def open_stack_file(path: Path) -> tuple[NDArray[Any], bool]:
     else:
         raise FileProblem(
             f"{path}: expected one of {', '.join(STACK_SUFFIXES)}, got {suffix or path.name}"
+            f"{_part_of_capture(path)}"
         )
     return stack, lossy

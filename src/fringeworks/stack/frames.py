@@ -135,7 +135,10 @@ def check_frame(
     # NumPy computes a type's name anew each time; its short form without byte order is at hand.
     short = frame.dtype.str[1:]
     if short not in SHORT_TYPES:
-        raise InputError(f"frame {label}: expected {', '.join(FRAME_TYPES)}, got {frame.dtype}")
+        raise InputError(
+            f"frame {label}: expected {', '.join(FRAME_TYPES)}, got {frame.dtype}; "
+            "frame.astype(np.float32) converts it"
+        )
     if frame.shape != shape:
         raise FramesContradictPlan(
             f"frame {label}: expected the size of the first, {shape}, got {frame.shape}"

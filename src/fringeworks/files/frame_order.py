@@ -13,7 +13,6 @@ from pathlib import Path
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.types import FramesContradictPlan
 
-
 BINARY_COUNTERS = (2**8 - 1, 2**12 - 1, 2**16 - 1)
 """Largest values of counters in whole bytes, or of 12 bits, from which cameras begin again at 0."""
 
@@ -117,9 +116,14 @@ def _as_taken(paths: Sequence[Path]) -> tuple[list[Path], list[str]]:
         return list(paths), []
     numbers, _, _, digits = numbered
     gaps = [k + 1 for k, (a, b) in enumerate(pairwise(numbers)) if b - a > 1]
-    if len(gaps) != 1 or numbers[0] > 1 or numbers[-1] not in (
-        10**digits - 1,
-        *BINARY_COUNTERS,
+    if (
+        len(gaps) != 1
+        or numbers[0] > 1
+        or numbers[-1]
+        not in (
+            10**digits - 1,
+            *BINARY_COUNTERS,
+        )
     ):
         return list(paths), []
     first = gaps[0]

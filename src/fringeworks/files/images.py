@@ -350,7 +350,7 @@ def _read(
 
 
 def _suffix_by_content(path: Path) -> str:
-    """The suffix of an image, or of its true kind where a TIFF has that of others, or vice versa."""
+    """The suffix of an image, or that of its true kind where a TIFF and others are mixed up."""
     suffix = path.suffix.lower()
     if suffix not in IMAGE_SUFFIXES + TIFF_SUFFIXES:
         return suffix

@@ -438,14 +438,17 @@ def _repeated(plan: PatternPlan, evidence: Evidence) -> list[int]:
 
 
 def _refuse_equal(plan: PatternPlan, evidence: Evidence) -> None:
-    """Refuse frames that are equal to an earlier one in every count, which noise never makes."""
+    """Refuse frames that are equal to an earlier one in every count, which noise never makes.
+
+    A last frame like the first may belong to the next scan, after a frame was lost.
+    """
     labels, equal = plan.labels(), []
     for k, j in combinations(range(plan.frames), 2):
-        if k + 1 < j and all(
+        copied = k + 1 < j < k + plan.frames - 1 and all(
             f.shows_pattern(k) and np.array_equal(f.lines[k], f.lines[j]) for f in evidence.values()
-        ):
-            if SAME < REPEATED * _planned_difference(plan, k, j):
-                equal.append(f"frame {labels[j]} has the counts of frame {labels[k]}")
+        )
+        if copied and REPEATED * _planned_difference(plan, k, j) > SAME:
+            equal.append(f"frame {labels[j]} has the counts of frame {labels[k]}")
     if equal:
         more = f", and {len(equal) - MAX_NAMED} more" if len(equal) > MAX_NAMED else ""
         raise FramesContradictPlan(

@@ -131,9 +131,7 @@ def _arrangements(
                 yield [*rest[:at], both, *rest[at:]], IN_TURN
 
 
-def _key(
-    group: _Group, kinds: tuple[str, ...], axes: str, by_axis: bool
-) -> tuple[int, int, int]:
+def _key(group: _Group, kinds: tuple[str, ...], axes: str, by_axis: bool) -> tuple[int, int, int]:
     """Place of a group: by axis and then by kind, or the other way round; the light at an end."""
     kind, axis = kinds.index(group.kind), "xy".find(group.axis) * (1 if axes == "xy" else -1)
     if group.kind == "light":

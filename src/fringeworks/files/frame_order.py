@@ -57,13 +57,14 @@ def in_plan_order(
         If the number of images is not the plan's. The message names the missing frames as far as
         labels or numbers in the names tell them.
     """
-    labels = plan.labels()
+    labels = plan.picture_labels()
     carried = _labels_of(paths, labels)
     if len(paths) != len(labels):
         few = len(paths) < len(labels)
+        kind = "pictures" if plan.colours else "frames"
         why = _missing(paths, labels, carried) if few else _extra(paths, labels) or _equal(paths)
         raise FramesContradictPlan(
-            f"{folder}: the plan has {len(labels)} frames, got {len(paths)} images{why}"
+            f"{folder}: the plan has {len(labels)} {kind}, got {len(paths)} images{why}"
         )
     if carried == labels:
         return list(paths), []

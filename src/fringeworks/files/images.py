@@ -498,7 +498,7 @@ def holds_counts(frame: NDArray[Any]) -> bool:
 
 
 def write_frame(path: StrPath, frame: NDArray[Any]) -> None:
-    """Write a grey frame without loss: uint8 and uint16 as PNG or TIFF, float as TIFF.
+    """Write a frame without loss: uint8 and uint16 as PNG or TIFF, float as TIFF; colour as well.
 
     Raises
     ------
@@ -511,7 +511,8 @@ def write_frame(path: StrPath, frame: NDArray[Any]) -> None:
         if suffix in TIFF_SUFFIXES:
             import tifffile
 
-            tifffile.imwrite(temporary, native)
+            colour = native.ndim == len(CHANNELS)
+            tifffile.imwrite(temporary, native, photometric="rgb" if colour else "minisblack")
         elif suffix == ".png" and holds_counts(frame):
             from PIL import Image
 

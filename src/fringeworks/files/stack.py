@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ from fringeworks.files.provenance import source_of
 from fringeworks.files.toml import kind_of, read_toml
 from fringeworks.files.video import VIDEO_SUFFIXES, frames_of_plan, read_video
 from fringeworks.patterns.plan import PatternPlan
+from fringeworks.stack.colour_steps import unmix
 from fringeworks.stack.even_light import texture_weights
 from fringeworks.stack.frames import Stack, step_of
 from fringeworks.types import NUMBERS, FileProblem, FramesContradictPlan, Region, sealed
@@ -48,6 +50,11 @@ MOST_NAMES = 8
 """Largest number of names that a message lists."""
 OTHER_SUFFIXES = (".toml", ".txt", ".md", ".json", ".log", ".csv", ".npy", ".npz", *TIFF_SUFFIXES)
 """Files that lie beside frames, or hold stacks."""
+LEAKING = (
+    "each image holds several frames in its channels: light that leaks from one colour to another "
+    "is not corrected, and its errors are not in σ; a plan with colours = true removes it"
+)
+"""Note of captures with channels that are a frame each."""
 MAX_NOTES = 1
 """Notes about single frames that are kept in full; the others are counted."""
 
@@ -99,6 +106,9 @@ def read_stack(
         if not is_file(plan):
             raise FileProblem(f"{path}: expected a plan, or a file {PLAN_FILE} beside it; got none")
     layout = _plan_of(plan)
+    if layout.colours:
+        read = _read_colours([path], layout, checked_channels(channels), None)
+        return replace(read, sources=(source_of(path),))
     frames, lossy, notes = _read_file(path, checked_channels(channels), layout)
     return Stack(
         frames,
@@ -176,7 +186,8 @@ def write_stack(
     folder : path
         New, empty, or an earlier result, which is replaced as a whole.
     frames : iterable of (h, w) arrays
-        In the order of the plan: whole counts become PNG, floats TIFF.
+        In the order of the plan: whole counts become PNG, floats TIFF. Photographs (h, w, 3) for a
+        plan with ``colours``.
     plan : PatternPlan
     camera, projector : str, optional
         Names of the devices.
@@ -200,7 +211,7 @@ def write_stack(
     FramesContradictPlan where the number of frames is not the plan's; FileProblem where the folder
     holds other things or cannot be written to.
     """
-    labels = plan.labels()
+    labels = plan.picture_labels()
     with writing_capture(
         folder,
         plan,
@@ -222,6 +233,26 @@ def _plan_of(plan: StrPath | PatternPlan) -> PatternPlan:
     return plan if isinstance(plan, PatternPlan) else read_plan(plan)
 
 
+def _read_colours(
+    paths: Sequence[Path], plan: PatternPlan, channels: str, saturation: float | None
+) -> Stack:
+    """The frames in the colours of photographs, or of one file of them, without crosstalk."""
+    if channels:
+        raise FileProblem(
+            f"{paths[0].parent}: expected no channels for a plan with colours, which takes all "
+            f"three, got {channels}"
+        )
+    if len(paths) == 1:
+        array, lossy = open_stack_file(paths[0])
+        pictures = list(array)
+    else:
+        read = read_frames(paths, stack=True, channels=CHANNELS)
+        lossy, count = read.lossy, len(CHANNELS)
+        threes = (read.frames[k : k + count] for k in range(0, len(read.frames), count))
+        pictures = [np.stack(three, axis=-1) for three in threes]
+    return replace(unmix(pictures, plan, saturation=saturation), lossy=lossy)
+
+
 def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str | None) -> Stack:
     description = folder / CAPTURE_FILE
     described = is_file(description)
@@ -233,7 +264,13 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
             raise missing_description(folder, told(content.plan), captures_in(folder))
     layout, saturation = _plan_of(plan), content.saturation
     channels = checked_channels(channels or content.channels)
-    if isinstance(listed, str):
+    coloured: Stack | None = None
+    if layout.colours:
+        paths, notes = _pictures_in_order(folder, listed, layout)
+        coloured = _read_colours(paths, layout, channels, saturation)
+        saturation, notes = coloured.saturation, [*notes, *coloured.notes]
+        read = ReadFrames(tuple(coloured.frames), (), None, coloured.lossy, None, coloured.colour)
+    elif isinstance(listed, str):
         paths = [existing_file(inside(folder, listed), "a stack of frames")]
         frames, lossy, said = _read_file(paths[0], channels, layout)
         read = ReadFrames(tuple(frames), (), step_of(frames[0].dtype) if frames else None, lossy)
@@ -244,7 +281,7 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
         single = channels == BEST or len(channels) <= 1
         shown = texture_weights(layout) if single else {}
         read = read_frames(paths, stack=True, channels=channels, weights=shown)
-        notes += _first_of(read.notes)
+        notes += _first_of(read.notes) if single else [LEAKING]
     tomls = [description] if described else []
     tomls += [] if isinstance(plan, PatternPlan) else [Path(plan)]
     return Stack(
@@ -260,7 +297,17 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
         _region_of(content, read.frames),
         read.colour,
         content.white_balance,
+        None if coloured is None else coloured.noise,
     )
+
+
+def _pictures_in_order(
+    folder: Path, listed: Sequence[str] | str | None, plan: PatternPlan
+) -> tuple[list[Path], list[str]]:
+    """The photographs of a plan with colours in its order, or their file; and notes."""
+    if isinstance(listed, str):
+        return [existing_file(inside(folder, listed), "a stack of frames")], []
+    return _images_in_order(folder, listed, "", plan)
 
 
 def _images_in_order(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
 from fringeworks.signal.bands import row_bands
 from fringeworks.types import (
+    CameraNoise,
     FloatMap,
     FramesContradictPlan,
     Frozen,
@@ -85,6 +86,9 @@ class Stack(Frozen):
     white_balance: tuple[float, float, float] | None = None
     """Gains of red, green and blue that ``measure`` applies to the colour of the points, as
     ``fringeworks.stack.white_balance`` measures them; None for none."""
+
+    noise: CameraNoise | None = None
+    """Noise of the frames, where it is known, as of those that ``unmix`` makes."""
 
     def __post_init__(self) -> None:
         frames = self.frames

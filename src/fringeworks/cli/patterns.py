@@ -15,6 +15,11 @@ from fringeworks.cli.app import app
 from fringeworks.cli.options import Folder, Force, JsonFile, axes_of, depth_of, size_of
 
 SECTION = "Patterns"
+DEPTH_ALONE = (
+    "--depth: expected with --rig and without --projector-size, --camera-pixel, --blur-px and "
+    "--colours"
+)
+"""What goes with a range of depths."""
 
 
 class PictureFormat(StrEnum):
@@ -111,6 +116,7 @@ def plan(
         "min_period_px": min_period,
         "max_period_px": max_period,
         "robust": robust or None,
+        "colours": colours or None,
         "camera_pixel_px": camera_pixel,
         "blur_px": blur_px,
         "axes": None if axes is None else axes_of(axes),
@@ -119,14 +125,10 @@ def plan(
     options |= {n: value for n, value in given.items() if value is not None} | {"frames": frames}
     if depth is None:
         options["width_px"], options["height_px"] = _size(projector_size, known, rig)
-        options |= {"colours": True} if colours else {}
         found = fw.propose(**options)
         origin = made_by("propose", options=options)
     elif rig is None or colours or (projector_size, camera_pixel, blur_px) != (None,) * 3:
-        raise fw.InputError(
-            "--depth: expected with --rig and without --projector-size, --camera-pixel, --blur-px, "
-            "--colours"
-        )
+        raise fw.InputError(DEPTH_ALONE)
     else:
         options["depth_mm"] = depth_of(depth)
         found = fw.patterns.propose_for_depth(rig, **options)

@@ -264,13 +264,11 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
             raise missing_description(folder, told(content.plan), captures_in(folder))
     layout, saturation = _plan_of(plan), content.saturation
     channels = checked_channels(channels or content.channels)
-    coloured: Stack | None = None
+    tomls = [description] if described else []
+    tomls += [] if isinstance(plan, PatternPlan) else [Path(plan)]
     if layout.colours:
-        paths, notes = _pictures_in_order(folder, listed, layout)
-        coloured = _read_colours(paths, layout, channels, saturation)
-        saturation, notes = coloured.saturation, [*notes, *coloured.notes]
-        read = ReadFrames(tuple(coloured.frames), (), None, coloured.lossy, None, coloured.colour)
-    elif isinstance(listed, str):
+        return _colour_capture(folder, layout, content, channels, tomls)
+    if isinstance(listed, str):
         paths = [existing_file(inside(folder, listed), "a stack of frames")]
         frames, lossy, said = _read_file(paths[0], channels, layout)
         read = ReadFrames(tuple(frames), (), step_of(frames[0].dtype) if frames else None, lossy)
@@ -282,8 +280,6 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
         shown = texture_weights(layout) if single else {}
         read = read_frames(paths, stack=True, channels=channels, weights=shown)
         notes += _first_of(read.notes) if single else [LEAKING]
-    tomls = [description] if described else []
-    tomls += [] if isinstance(plan, PatternPlan) else [Path(plan)]
     return Stack(
         read.frames,
         layout,
@@ -297,17 +293,28 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
         _region_of(content, read.frames),
         read.colour,
         content.white_balance,
-        None if coloured is None else coloured.noise,
     )
 
 
-def _pictures_in_order(
-    folder: Path, listed: Sequence[str] | str | None, plan: PatternPlan
-) -> tuple[list[Path], list[str]]:
-    """The photographs of a plan with colours in its order, or their file; and notes."""
-    if isinstance(listed, str):
-        return [existing_file(inside(folder, listed), "a stack of frames")], []
-    return _images_in_order(folder, listed, "", plan)
+def _colour_capture(
+    folder: Path, plan: PatternPlan, content: StackFile, channels: str, tomls: list[Path]
+) -> Stack:
+    """The capture of a plan with colours."""
+    notes: list[str] = []
+    if isinstance(content.frames, str):
+        paths = [existing_file(inside(folder, content.frames), "a stack of frames")]
+    else:
+        paths, notes = _images_in_order(folder, content.frames, "", plan)
+    read = _read_colours(paths, plan, channels, content.saturation)
+    return replace(
+        read,
+        camera=content.devices.camera,
+        projector=content.devices.projector,
+        notes=(*notes, *read.notes),
+        sources=tuple(source_of(path) for path in (*paths, *tomls)),
+        region=_region_of(content, read.frames),
+        white_balance=content.white_balance,
+    )
 
 
 def _images_in_order(

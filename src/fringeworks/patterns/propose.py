@@ -226,13 +226,9 @@ def propose(
     if robust:
         max_period_px = min(max_period_px, ROBUST_BAND * min_period_px)
     band = min_period_px, max_period_px
+    given = f"{frames} {'pictures' if colours else 'frames'}, noise {noise:g}"
     if colours:
-        frames, noise = COLOURS * (frames - len(SOLID)), COLOUR_NOISE * noise
-        if frames < COLOURS * len(axes):
-            raise InputError(
-                f"frames: expected {len(SOLID) + len(axes)} pictures or more, of which "
-                f"{len(SOLID)} are solid, got {frames // COLOURS + len(SOLID)}"
-            )
+        frames, noise = _in_colours(frames, axes), COLOUR_NOISE * noise
     share = checked_share(frames, axes, noise, modulation, band)
     check_projector(width_px, height_px)
     ratio, absolute = noise / modulation, range_px is None
@@ -258,13 +254,27 @@ def propose(
             sigma = max(_predicted(plan, axis, ratio) for axis in axes)
             proposals.append(Proposal(kind, plan, sigma, margin, _reason(max_period_px)))
     if not proposals:
-        longer = "" if math.isinf(max_period_px) else ", or longer periods"
-        raise InputError(
-            f"plan: with {frames} frames, noise {noise:g} and modulation {modulation:g}, no plan "
-            f"resolves the fringe orders with a margin of {MIN_MARGIN:g} standard deviations: "
-            f"expected more frames or light{longer}"
-        )
+        raise _unresolved(f"{given} and modulation {modulation:g}", max_period_px)
     return sorted(proposals, key=lambda proposal: proposal.sigma_px)
+
+
+def _in_colours(pictures: int, axes: Sequence[Axis]) -> int:
+    """Frames in the colours of a number of pictures, without the solid ones."""
+    if pictures < len(SOLID) + len(axes):
+        raise InputError(
+            f"frames: expected {len(SOLID) + len(axes)} pictures or more, of which {len(SOLID)} "
+            f"are solid, got {pictures}"
+        )
+    return COLOURS * (pictures - len(SOLID))
+
+
+def _unresolved(given: str, max_period_px: float) -> InputError:
+    """The error where no plan has the required margin."""
+    longer = "" if math.isinf(max_period_px) else ", or longer periods"
+    return InputError(
+        f"plan: with {given}, no plan resolves the fringe orders with a margin of {MIN_MARGIN:g} "
+        f"standard deviations: expected more frames or light{longer}"
+    )
 
 
 def _best_share(

@@ -61,8 +61,8 @@ LIGHTS = 3
 SAME_LIGHT = (
     "likely a colour wheel and an exposure that is no whole number of its turns, automatic "
     "exposure or white balance, gamma of camera or projector, a scene that moved, or pictures in "
-    "another order; fix the camera's settings, expose for whole turns of the wheel, and switch off the "
-    "projector's white segment and colour enhancement"
+    "another order; fix the camera's settings, expose for whole turns of the wheel, and switch off "
+    "the projector's white segment and colour enhancement"
 )
 """What makes the light of a colour differ between pictures, and what helps."""
 

@@ -173,7 +173,8 @@ def unmix(
     >>> from fringeworks.patterns.plan import PhaseSteps, equal_steps
     >>> sets = tuple(PhaseSteps("x", p, equal_steps(3)) for p in (64.0, 16.0))
     >>> plan = PatternPlan(64, 40, sets, colours=True)
-    >>> unmix(list(encode(plan)), plan).frames[0].shape
+    >>> photographs = [picture // 2 + 20 for picture in encode(plan)]
+    >>> unmix(photographs, plan).frames[0].shape
     (40, 64)
     """
     planes = _checked(pictures, plan)

@@ -75,7 +75,11 @@ def orders_of_other_programs(plan: PatternPlan) -> Iterator[OtherOrder]:
         for groups, moved in _arrangements(parts, bits):
             shown = [k for group in groups for k in group.frames]
             places = tuple(sorted(range(plan.frames), key=shown.__getitem__))
-            if (places, inverted) in seen or (not moved and not apart and inner < least):
+            exchanged = _axes_of(groups) != _axes_of(arranged)
+            # Rows in place of columns alone: lines do not tell that from a wrong size.
+            alone = exchanged and not inner and _kinds_of(groups) == _kinds_of(arranged)
+            usual = not moved and not apart and inner < least
+            if alone or usual or (places, inverted) in seen:
                 continue
             seen.add((places, inverted))
             words = _words(groups if moved else [], last, apart, dark, len(codes))
@@ -86,7 +90,7 @@ def orders_of_other_programs(plan: PatternPlan) -> Iterator[OtherOrder]:
                 inner + moved,
                 words,
                 advice + (INVERTED if dark else ""),
-                _axes_of(groups) != _axes_of(arranged),
+                exchanged,
             )
 
 
@@ -137,6 +141,11 @@ def _key(group: _Group, kinds: tuple[str, ...], axes: str, by_axis: bool) -> tup
     if group.kind == "light":
         return (-1 if kind == 0 else 9, 0, 0)
     return (axis, kind, 0) if by_axis else (kind, axis, 0)
+
+
+def _kinds_of(groups: list[_Group]) -> list[str]:
+    """Kinds of the blocks in their order."""
+    return [group.kind for group in groups]
 
 
 def _axes_of(groups: list[_Group]) -> str:

@@ -147,6 +147,15 @@ def test_a_colour_wheel_is_named_or_removed():
 
     with pytest.raises(fw.FramesContradictPlan, match="colour wheel and an exposure"):
         unmix(photographs(PLAN, 7, wheel=turning(0.3)), PLAN)
+    rows = np.arange(SHAPE[0])[:, None, None]
+    bands = [
+        np.clip(
+            np.rint(p * (1.0 + 0.1 * np.sin(rows / 12.0 + np.arange(3) * 2.1 + 1.7 * k))), 0, 255
+        )
+        for k, p in enumerate(photographs(PLAN, 7))
+    ]
+    with pytest.raises(fw.FramesContradictPlan, match="colour wheel and an exposure"):
+        unmix([p.astype(np.uint8) for p in bands], PLAN)
     stack = unmix(photographs(PLAN, 7, wheel=turning(0.03)), PLAN)
     assert_honest(fw.decode(stack).x)
 

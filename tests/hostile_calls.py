@@ -73,6 +73,13 @@ class Call(NamedTuple):
 
 GAUGED = np.random.default_rng(48).normal(0.0, 0.1, 24)
 """Values of a gauge study."""
+COLOURS = fw.PatternPlan(
+    64,
+    16,
+    tuple(fw.patterns.PhaseSteps("x", p, fw.patterns.equal_steps(3)) for p in (64.0, 16.0)),
+    colours=True,
+)
+"""A plan whose pictures show three steps each."""
 ROBOT_RIG = fw.simulate.standard_rig()
 """The rig of a camera on a robot."""
 
@@ -334,6 +341,7 @@ def calls() -> list[Call]:
         call("separate_light", frames=p["frames"], plan=PLAN, contrast=1.0, noise=p["noise"], saturation=255.0),
         call("wrapped_phase", frames=p["frames"][4:], shifts_rad=fw.patterns.equal_steps(4), noise=p["noise"], saturation=255.0, min_modulation=1.0),
         call("texture", frames=p["frames"], plan=PLAN),
+        call("unmix", pictures=np.stack(list(fw.encode(COLOURS))), plan=COLOURS, saturation=256.0),
         call("white_balance", capture=np.ones((6, 7, 3)), box=(1, 1, 5, 5)),
         call("Motion", velocity_px={"x": zeros}, flow_px=np.stack([zeros] * 2, -1)),
         # Rig.

@@ -86,7 +86,10 @@ def test_names_that_tell_nothing_are_not_interpreted(tmp_path):
     assert refusal(tmp_path).endswith("the plan has 8 frames, got 7 images")
     (tmp_path / "c7.png").write_bytes((tmp_path / "a.png").read_bytes())
     (tmp_path / "i.png").write_bytes((tmp_path / "a.png").read_bytes())
-    assert refusal(tmp_path).endswith("the plan has 8 frames, got 9 images")
+    assert refusal(tmp_path).endswith(
+        "the plan has 8 frames, got 9 images; c7.png is a copy of a.png, i.png is a copy of a.png, "
+        "i.png is a copy of c7.png"
+    )
 
 
 def test_labels_outrank_the_order_of_names(tmp_path):

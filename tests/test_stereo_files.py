@@ -208,3 +208,20 @@ def test_numbers_keep_their_names(tmp_path):
     assert np.array_equal(found["a.b"], [[1.0, 2.0], [3.0, 4.0]])
     assert found["c"] == -0.0015
     assert set(found) == {"a.b", "c"}
+
+
+@pytest.mark.parametrize("name", ["maps.yml", "maps.xml"])
+def test_maps_for_rectification_say_what_to_bring(tmp_path, name):
+    turned, _, P1, P2, *_ = cv2.stereoRectify(K1, D1, K2, D2, SIZES[0], R, T)
+    maps = cv2.initUndistortRectifyMap(K1, D1, turned, P1, SIZES[0], cv2.CV_32FC1)
+    path = storage(tmp_path / name, P1=P1, P2=P2, map1x=maps[0], map1y=maps[1])
+    for read in (read_stereo_rig, fw.files.read_rig):
+        with pytest.raises(
+            FileProblem, match="got maps of 640 × 480 px.*P1 and P2 of stereoRectify"
+        ):
+            read(path)
+    alone = storage(tmp_path / "p.yml", P1=P1, P2=P2)
+    assert read_stereo_rig(alone, camera_sizes=(SIZES[0],) * 2).cameras[0].shape == (480, 640)
+    np.savez(tmp_path / "maps.npz", map1x=maps[0])
+    with pytest.raises(FileProblem, match="maps for undistortion hold no rig"):
+        fw.files.read_rig(tmp_path / "maps.npz")

@@ -22,7 +22,7 @@ PANELS = {
     "scale in robot-pose poses-as",
     "Method": "live method option against denoise zero response estimate-response estimate-steps "
     "relative phases unwrap contrast adjust learn false-alarms kind min-period max-period "
-    "camera-pixel robust",
+    "camera-pixel robust colours",
     "Output": "out capture ply figure panel no-title report json csv markdown timing force history "
     "watched",
 }

@@ -15,6 +15,11 @@ from fringeworks.cli.app import app
 from fringeworks.cli.options import Folder, Force, JsonFile, axes_of, depth_of, size_of
 
 SECTION = "Patterns"
+DEPTH_ALONE = (
+    "--depth: expected with --rig and without --projector-size, --camera-pixel, --blur-px and "
+    "--colours"
+)
+"""What goes with a range of depths."""
 
 
 class PictureFormat(StrEnum):
@@ -87,6 +92,14 @@ def plan(
             help="Short periods only, 1.5 times the shortest: against light between surfaces.",
         ),
     ] = False,
+    colours: Annotated[
+        bool,
+        typer.Option(
+            "--colours",
+            help="Three steps in red, green and blue of each picture, for a colour camera; "
+            "--frames counts pictures, four of them solid.",
+        ),
+    ] = False,
     kind: Annotated[str, typer.Option(help="Kind of plan to write; the best by default.")] = "",
     out: Annotated[Path | None, typer.Option("--out", help="Plan file to write (TOML).")] = None,
     json_file: JsonFile = None,
@@ -103,6 +116,7 @@ def plan(
         "min_period_px": min_period,
         "max_period_px": max_period,
         "robust": robust or None,
+        "colours": colours or None,
         "camera_pixel_px": camera_pixel,
         "blur_px": blur_px,
         "axes": None if axes is None else axes_of(axes),
@@ -113,10 +127,8 @@ def plan(
         options["width_px"], options["height_px"] = _size(projector_size, known, rig)
         found = fw.propose(**options)
         origin = made_by("propose", options=options)
-    elif rig is None or (projector_size, camera_pixel, blur_px) != (None, None, None):
-        raise fw.InputError(
-            "--depth: expected with --rig and without --projector-size, --camera-pixel, --blur-px"
-        )
+    elif rig is None or colours or (projector_size, camera_pixel, blur_px) != (None,) * 3:
+        raise fw.InputError(DEPTH_ALONE)
     else:
         options["depth_mm"] = depth_of(depth)
         found = fw.patterns.propose_for_depth(rig, **options)
@@ -145,7 +157,7 @@ def _say(words: output.Output, found: list[fw.patterns.Proposal]) -> None:
                 p.kind,
                 sigma_text(p.sigma_px),
                 number(p.margin, digits=2),
-                str(p.plan.frames),
+                str(p.plan.pictures),
                 p.summary,
             ]
             for p in found
@@ -185,7 +197,7 @@ def _figures(proposal: fw.patterns.Proposal) -> dict[str, Any]:
         "kind": proposal.kind,
         "sigma_px": proposal.sigma_px,
         "margin": proposal.margin,
-        "frames": proposal.plan.frames,
+        "frames": proposal.plan.pictures,
         "reason": proposal.reason,
         "plan": asdict(proposal.plan),
     }
@@ -210,7 +222,7 @@ def patterns(
     layout = fw.files.read_plan(plan_file)
     if response is not None:
         layout = replace(layout, gamma=fw.files.read_response(response).gamma)
-    with output.progress(layout.frames) as progress:
+    with output.progress(layout.pictures) as progress:
         if format is PictureFormat.flash:
             written = fw.files.write_flash_images(out, layout, force=force, progress=progress)
         else:
@@ -219,4 +231,4 @@ def patterns(
                 out, layout, stack=stack, force=force, progress=progress
             )
     place = out if len(written) > 1 else written[0]
-    output.Output().say(f"wrote {layout.frames} patterns to {place}")
+    output.Output().say(f"wrote {layout.pictures} patterns to {place}")

@@ -26,7 +26,7 @@ from fringeworks.devices.protocols import checked_picture
 from fringeworks.devices.sequencer import LEDS, SequenceSettings, Timed, least_exposure
 from fringeworks.files.plan import PLAN_FILE, read_plan
 from fringeworks.patterns.binary import PLANES
-from fringeworks.patterns.encode import encode
+from fringeworks.patterns.encode import grey_pictures
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.types import DeviceProblem, InputError
 
@@ -129,7 +129,7 @@ class Dlpc350(Timed):
         self.settings = replace(settings or SequenceSettings(), bits=bits)
         least_exposure("DLPC350", self.settings, LEAST_US, SPARE_US)
         self._first, self._pulses, self._entries = first_image, pulses, 0
-        self._pictures: list[NDArray[Any]] = list(encode(self.plan))
+        self._pictures: list[NDArray[Any]] = list(grey_pictures(self.plan))
         self._link = HidLink(device or open_hid(IDS, serial, "dlpc350"), "DLPC350")
         try:
             self._greet()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fringeworks.devices.protocols import Closing, checked_picture
 from fringeworks.files.plan import PLAN_FILE, read_plan
-from fringeworks.patterns.encode import encode
+from fringeworks.patterns.encode import grey_pictures
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.types import DeviceProblem
 
@@ -64,7 +64,7 @@ class MemoryProjector(Closing):
     ) -> None:
         self.plan = plan if isinstance(plan, PatternPlan) else read_plan(Path(plan) / PLAN_FILE)
         """The plan whose pictures the projector holds."""
-        self.pictures: tuple[NDArray[Any], ...] = tuple(encode(self.plan))
+        self.pictures: tuple[NDArray[Any], ...] = tuple(grey_pictures(self.plan))
         """Its pictures, drawn once."""
         self._advance = advance
         self._refresh_s = refresh_s

@@ -225,6 +225,8 @@ def as_values(values: Any, name: str, axes: int = 1) -> FloatMap:
     try:
         known = np.asarray(unmasked(values, name))
         shape_ok = known.ndim == axes and known.size > 0 and known.dtype.kind in "fiu"
+    except InputError:
+        raise
     except ValueError:
         shape_ok = False
     if not shape_ok:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringeworks.evaluate.capability import CONTROL_SIGMAS, FEWEST, control_limits
-from fringeworks.types import BoolMap, FloatMap, Frozen, InputError, finite
+from fringeworks.types import BoolMap, FloatMap, Frozen, InputError, finite, unmasked
 
 RULES = {
     1: "a value beyond 3 σ",
@@ -109,7 +109,7 @@ def control_series(
     >>> [(one.rule, one.last) for one in found.signals]
     [(1, 5)]
     """
-    series = np.asarray(values)
+    series = unmasked(values, "values")
     if series.ndim != 1 or series.dtype.kind not in "fiu":
         raise InputError(f"values: expected numbers (n,), got {series.dtype} {series.shape}")
     series = series.astype(np.float64)

@@ -7,7 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from fringeworks.types import LARGEST, NUMBERS, BoolMap, FloatMap, HeightMap, InputError, Reason
+from fringeworks.types import (
+    LARGEST,
+    NUMBERS,
+    BoolMap,
+    FloatMap,
+    HeightMap,
+    InputError,
+    Reason,
+    unmasked,
+)
 
 EDGE_BAND_PX = 5
 """Pixels to either side of a cliff whose errors are stated separately."""
@@ -68,6 +77,7 @@ def errors(surface: HeightMap, truth_mm: FloatMap) -> Errors:
     ------
     InputError where the surface is in px, shapes differ or no pixel was measured.
     """
+    truth_mm = unmasked(truth_mm, "truth")
     difference = error_map(surface, truth_mm)
     valid = np.isfinite(difference)
     if not valid.any():

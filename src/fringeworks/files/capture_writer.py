@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fringeworks.files.atomic import StrPath, replacing, write_text
 from fringeworks.files.description import Field, Section
 from fringeworks.files.folder import FolderInUse, FolderWriter, foreign_names, replacing_folder
-from fringeworks.files.images import holds_counts, read_frame, write_frame
+from fringeworks.files.images import CHANNELS, holds_counts, read_frame, write_frame
 from fringeworks.files.limits import is_file
 from fringeworks.files.pair import CAPTURE_FILE, DevicesSection, refuse_over_taken
 from fringeworks.files.plan import PLAN_FILE, format_plan, frame_names
@@ -101,7 +101,8 @@ class CaptureWriter:
         """
         if not 0 <= number < len(self._stems):
             raise FramesContradictPlan(f"frames: the plan has {len(self._stems)}, got more")
-        name = self._stems[number] + SUFFIXES[0 if holds_counts(frame) else 1]
+        deep = frame.ndim == len(CHANNELS) and frame.dtype != np.uint8  # PNG of Pillow has 8 bits
+        name = self._stems[number] + SUFFIXES[0 if holds_counts(frame) and not deep else 1]
         write_frame(self._writer.file(name), frame)
         self._names[number] = name
 
@@ -175,7 +176,7 @@ def writing_capture(
         if CAPTURE_FILE in kept:
             return
         if capture.missing:
-            labels = plan.labels()
+            labels = plan.picture_labels()
             raise FramesContradictPlan(
                 f"frames: the plan has {len(labels)}, got {len(capture.names)}; "
                 f"missing: {', '.join(labels[n] for n in capture.missing)}"

@@ -12,7 +12,7 @@ from fringeworks.files.atomic import StrPath, replacing
 from fringeworks.files.folder import replacing_folder
 from fringeworks.files.plan import PLAN_FILE, write_plan
 from fringeworks.patterns.binary import PLANES, packed
-from fringeworks.patterns.encode import encode
+from fringeworks.patterns.encode import grey_pictures
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.types import InputError
 
@@ -56,7 +56,7 @@ def write_flash_images(
     if plan.bits not in (1, 8):
         raise InputError(f"plan: expected pictures of 1 or 8 bit, got {plan.bits} bit")
     each = PLANES // plan.bits
-    pictures = list(encode(plan))
+    pictures = list(grey_pictures(plan))
     written = []
     with replacing_folder(folder, "patterns", index=(PLAN_FILE,), force=force) as writer:
         for k in range(0, len(pictures), each):

@@ -6,11 +6,19 @@ import math
 import re
 from collections import Counter
 from collections.abc import Sequence
+from filecmp import cmp
 from itertools import pairwise
 from pathlib import Path
 
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.types import FramesContradictPlan
+
+BINARY_COUNTERS = (2**8 - 1, 2**12 - 1, 2**16 - 1)
+"""Largest values of counters in whole bytes, or of 12 bits, from which cameras begin again at 0."""
+
+
+MOST_COPIES = 3
+"""At most this many copies are named."""
 
 
 def by_name(paths: Sequence[Path]) -> list[Path]:
@@ -49,13 +57,14 @@ def in_plan_order(
         If the number of images is not the plan's. The message names the missing frames as far as
         labels or numbers in the names tell them.
     """
-    labels = plan.labels()
+    labels = plan.picture_labels()
     carried = _labels_of(paths, labels)
     if len(paths) != len(labels):
         few = len(paths) < len(labels)
-        why = _missing(paths, labels, carried) if few else _extra(paths, labels)
+        kind = "pictures" if plan.colours else "frames"
+        why = _missing(paths, labels, carried) if few else _extra(paths, labels) or _equal(paths)
         raise FramesContradictPlan(
-            f"{folder}: the plan has {len(labels)} frames, got {len(paths)} images{why}"
+            f"{folder}: the plan has {len(labels)} {kind}, got {len(paths)} images{why}"
         )
     if carried == labels:
         return list(paths), []
@@ -107,9 +116,16 @@ def _as_taken(paths: Sequence[Path]) -> tuple[list[Path], list[str]]:
     if numbered is None:
         return list(paths), []
     numbers, _, _, digits = numbered
-    last = 10**digits - 1
     gaps = [k + 1 for k, (a, b) in enumerate(pairwise(numbers)) if b - a > 1]
-    if len(gaps) != 1 or numbers[0] > 1 or numbers[-1] != last:
+    if (
+        len(gaps) != 1
+        or numbers[0] > 1
+        or numbers[-1]
+        not in (
+            10**digits - 1,
+            *BINARY_COUNTERS,
+        )
+    ):
         return list(paths), []
     first = gaps[0]
     taken = [*paths[first:], *paths[:first]]
@@ -129,6 +145,23 @@ def _extra(paths: Sequence[Path], labels: list[str]) -> str:
         others = [p.name for kind in kinds.values() if len(kind) != len(labels) for p in kind]
         return f"; not named like the others: {', '.join(others)}"
     return ""
+
+
+def _equal(paths: Sequence[Path]) -> str:
+    """Which images are copies of others, as the end of a message; or how to choose among all."""
+    seen: dict[int, list[Path]] = {}
+    for path in paths:
+        seen.setdefault(path.stat().st_size, []).append(path)
+    copies = [
+        f"{b.name} is a copy of {a.name}"
+        for alike in seen.values()
+        for k, b in enumerate(alike)
+        for a in alike[:k]
+        if cmp(a, b, shallow=False)
+    ]
+    if copies:
+        return f"; {', '.join(copies[:MOST_COPIES])}"
+    return "; remove those too many, or list the frames as frames = [...] in capture.toml"
 
 
 def _missing(paths: Sequence[Path], labels: list[str], carried: list[str] | None) -> str:

@@ -58,6 +58,8 @@ MAGIC = {
     b"P6": "PNM",
 }
 """Names of the kinds that are read, Pillow's where it reads them, by their first bytes."""
+TIFF_MAGIC = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
+"""First bytes of TIFF and BigTIFF."""
 WEBP_PARTS = 12
 """Place of the first part of a WebP file: each has a name of four letters and a size."""
 PNM_HEAD = re.compile(rb"P[56]" + rb"(?:\s+(?:#[^\n]*\n\s*)*(\d{1,9}))" * 3 + rb"\s")
@@ -309,7 +311,7 @@ def _read(
     path = existing_file(path, "an image file")
     if path.stat().st_size == 0:
         raise FileProblem(f"{path}: expected an image, got an empty file")
-    suffix = path.suffix.lower()
+    suffix = _suffix_by_content(path)
     if suffix in TIFF_SUFFIXES:
         from fringeworks.files.tiff import read_tiff  # 15 ms, for those only who read TIFF
 
@@ -328,7 +330,7 @@ def _read(
     with parsing(path, "an image"):
         if array.dtype.kind not in "uif":
             raise FileProblem(f"expected counts, got {array.dtype}")
-        array = array.astype(array.dtype.newbyteorder("="), copy=False)
+        array = _as_counts(array.astype(array.dtype.newbyteorder("="), copy=False))
         if not channels:
             grey = _to_grey(path, array, lossy)
             if colours is not None:
@@ -345,6 +347,28 @@ def _read(
             _Image(path, part, array.dtype, array.shape[2], False, lossy, channel=letter)
             for part, letter in zip(parts, channels, strict=True)
         ]
+
+
+def _suffix_by_content(path: Path) -> str:
+    """The suffix of an image, or that of its true kind where a TIFF and others are mixed up."""
+    suffix = path.suffix.lower()
+    if suffix not in IMAGE_SUFFIXES + TIFF_SUFFIXES:
+        return suffix
+    with path.open("rb") as file:
+        head = file.read(max(len(magic) for magic in (*MAGIC, *TIFF_MAGIC)))
+    if suffix in TIFF_SUFFIXES:
+        return ".png" if head.startswith(tuple(MAGIC)) else suffix
+    return ".tif" if head.startswith(TIFF_MAGIC) else suffix
+
+
+def _as_counts(array: NDArray[Any]) -> NDArray[Any]:
+    """Counts of other types as those that frames have, where these hold them without loss."""
+    if array.dtype == np.float16:
+        return array.astype(np.float32)
+    other = array.dtype.kind in "ui" and array.dtype.name not in ("uint8", "uint16")
+    if other and array.size and array.min() >= 0 and array.max() <= np.iinfo(np.uint16).max:
+        return array.astype(np.uint16)
+    return array
 
 
 def _read_image(path: Path) -> tuple[NDArray[Any], bool]:
@@ -474,7 +498,7 @@ def holds_counts(frame: NDArray[Any]) -> bool:
 
 
 def write_frame(path: StrPath, frame: NDArray[Any]) -> None:
-    """Write a grey frame without loss: uint8 and uint16 as PNG or TIFF, float as TIFF.
+    """Write a frame without loss: uint8 and uint16 as PNG or TIFF, float as TIFF; colour as well.
 
     Raises
     ------
@@ -487,7 +511,8 @@ def write_frame(path: StrPath, frame: NDArray[Any]) -> None:
         if suffix in TIFF_SUFFIXES:
             import tifffile
 
-            tifffile.imwrite(temporary, native)
+            colour = native.ndim == len(CHANNELS)
+            tifffile.imwrite(temporary, native, photometric="rgb" if colour else "minisblack")
         elif suffix == ".png" and holds_counts(frame):
             from PIL import Image
 

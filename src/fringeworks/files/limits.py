@@ -173,10 +173,29 @@ def read_content(path: Path, what: str, limit: int | None = None) -> bytes:
 
 
 def text_of(content: bytes) -> str:
-    """The text of a file, with or without a byte order mark, in UTF-8 or with one in UTF-16."""
-    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return content.decode("utf-16")
-    return content.decode("utf-8-sig")
+    """The text of a file in UTF-8, UTF-16 or UTF-32, with or without a byte order mark.
+
+    Raises
+    ------
+    FileProblem for other encodings, such as the code pages of Windows.
+    """
+    if content.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE)):
+        encoding = "utf-32"
+    elif content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        encoding = "utf-16"
+    elif content[:1] and content[1:2] == b"\x00":  # a Latin letter in two bytes
+        encoding = "utf-16-le"
+    elif content[:1] == b"\x00" and content[1:2]:
+        encoding = "utf-16-be"
+    else:
+        encoding = "utf-8-sig"
+    try:
+        return content.decode(encoding)
+    except UnicodeDecodeError as error:
+        raise FileProblem(
+            f"expected text in UTF-8, got byte 0x{content[error.start]:02x} at place {error.start},"
+            " which is none; save the file as UTF-8"
+        ) from error
 
 
 def inside(folder: Path, name: str) -> Path:

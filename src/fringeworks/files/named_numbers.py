@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fringeworks.files.formats import OPENCV_SUFFIXES
 from fringeworks.files.limits import MAX_DESCRIPTION_BYTES, existing_file, read_content, text_of
-from fringeworks.types import InputError
+from fringeworks.types import FileProblem, InputError
 from fringeworks.types.packages import cv2, need_opencv
 
 JSON_SUFFIX = ".json"
@@ -26,6 +26,12 @@ MAX_NESTING = 8
 MAX_NUMBERS = 100_000
 """Largest number of numbers that are kept of a file: those of a rig are some hundred, and images or
 corners beside them are left."""
+MAP_HEAD_BYTES = 4 * MAX_DESCRIPTION_BYTES
+"""Bytes of a large file that are searched for maps, which may follow matrices."""
+LEAST_MAP_PX = 16
+"""Fewest rows and columns of a map. Matrices of rigs have up to 14."""
+MAP_SIZE = re.compile(rb"rows\W{1,12}(\d{1,6})\W[\s\S]{0,40}?cols\W{1,12}(\d{1,6})")
+"""Rows and columns of a matrix as OpenCV writes it."""
 MATRIX_KEYS = {"rows", "cols", "data"}
 """Keys of a matrix as OpenCV writes it."""
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?"
@@ -58,6 +64,7 @@ def read_numbers(path: Path) -> dict[str, NDArray[np.float64]]:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"expected {', '.join(SUFFIXES)}, got {suffix or 'no suffix'}")
+    refuse_maps(path)
     text = text_of(read_content(path, "a rig file", MAX_DESCRIPTION_BYTES))
     found: dict[str, NDArray[np.float64]] = {}
     total = 0
@@ -67,6 +74,26 @@ def read_numbers(path: Path) -> dict[str, NDArray[np.float64]]:
             found[name] = array
             total += array.size
     return found
+
+
+def refuse_maps(path: Path) -> None:
+    """Refuse a file that holds maps for the pixels of an image in place of a rig.
+
+    Raises
+    ------
+    FileProblem that says what to bring instead.
+    """
+    if path.stat().st_size <= MAX_DESCRIPTION_BYTES:
+        return
+    with path.open("rb") as file:
+        sizes = [(int(a), int(b)) for a, b in MAP_SIZE.findall(file.read(MAP_HEAD_BYTES))]
+    for rows, columns in (size for size in sizes if min(size) >= LEAST_MAP_PX):
+        raise FileProblem(
+            f"expected camera matrices, got maps of {columns} × {rows} px, as of "
+            "initUndistortRectifyMap, which hold no rig; bring M1, D1, M2, D2, R and T of "
+            "stereoCalibrate, or, for frames that are rectified already, P1 and P2 of "
+            "stereoRectify, in a file without maps"
+        )
 
 
 def _of_suffix(suffix: str, text: str) -> Iterator[tuple[str, Any]]:

@@ -98,6 +98,8 @@ class PlanFile(Section):
     dither: bool = False
     mirrored: tuple[Axis, ...] = ()
     """Axes along which the projector mirrors its pictures."""
+    colours: bool = False
+    """Whether red, green and blue of a picture show three frames."""
     sequence: list[Entry] = Field(min_length=1, max_length=MAX_BLOCKS)
 
 
@@ -126,6 +128,7 @@ def read_plan(path: StrPath) -> PatternPlan:
             content.gamma,
             content.dither,
             content.mirrored,
+            content.colours,
         )
 
 
@@ -203,6 +206,7 @@ def format_plan(plan: PatternPlan) -> str:
     content: dict[str, Any] = {"kind": "plan", "projector": [plan.width_px, plan.height_px]}
     content |= {"bits": plan.bits, "gamma": float(plan.gamma), "dither": plan.dither}
     content |= {"mirrored": list(plan.mirrored)} if plan.mirrored else {}
+    content |= {"colours": True} if plan.colours else {}
     return tomli_w.dumps(content | {"sequence": sequence})
 
 
@@ -229,8 +233,8 @@ def check_resolvable(plan: PatternPlan) -> None:
 
 
 def frame_names(plan: PatternPlan, suffix: str) -> list[str]:
-    """A file name for every frame of a plan: its number and its label."""
-    labels = plan.labels()
+    """A file name for every picture of a plan: its number and its label."""
+    labels = plan.picture_labels()
     digits = len(str(len(labels) - 1))
     return [f"{k:0{digits}d}-{label}{suffix}" for k, label in enumerate(labels)]
 
@@ -272,7 +276,7 @@ def write_patterns(
     other things or cannot be written to.
     """
     check_resolvable(plan)
-    labels = plan.labels()
+    labels = plan.picture_labels()
     with replacing_folder(folder, "patterns", index=(PLAN_FILE,), force=force) as writer:
         written = []
         if stack:

@@ -21,6 +21,7 @@ from fringeworks.rig.pinhole import check_lens
 from fringeworks.types import (
     RIG_PARAMETERS,
     CameraBlur,
+    FileProblem,
     FloatMap,
     InputError,
     LensField,
@@ -217,9 +218,16 @@ def read_rig(
     """
     path = existing_file(path, "a rig file")
     with parsing(path, "a rig file"):
+        if path.suffix.lower() in (".npz", ".npy"):
+            raise FileProblem(
+                f"expected .toml or {', '.join(OPENCV_SUFFIXES)}, got {path.suffix}; write_rig "
+                "writes a Rig of its camera matrices; maps for undistortion hold no rig"
+            )
         if path.suffix.lower() in OPENCV_SUFFIXES:
+            from fringeworks.files.named_numbers import refuse_maps
             from fringeworks.files.opencv_rig import parse_opencv  # only where OpenCV is needed
 
+            refuse_maps(path)
             content = read_content(path, "a rig file", MAX_DESCRIPTION_BYTES)
             rig = parse_opencv(content, camera_size=camera_size, projector_size=projector_size)
             rig = _in_mm(rig, 1.0 if unit_mm is None else unit_mm)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,16 +37,24 @@ from fringeworks.files.provenance import source_of
 from fringeworks.files.toml import kind_of, read_toml
 from fringeworks.files.video import VIDEO_SUFFIXES, frames_of_plan, read_video
 from fringeworks.patterns.plan import PatternPlan
+from fringeworks.stack.colour_steps import unmix
 from fringeworks.stack.even_light import texture_weights
 from fringeworks.stack.frames import Stack, step_of
 from fringeworks.types import NUMBERS, FileProblem, FramesContradictPlan, Region, sealed
 
 STACK_SUFFIXES = (*TIFF_SUFFIXES, ".npy", ".npz", *VIDEO_SUFFIXES)
 """Single files that hold a stack."""
+MOST_LEVELS = 3
+"""Folders below a folder that are looked into for captures: part, day and pose."""
 MOST_NAMES = 8
 """Largest number of names that a message lists."""
 OTHER_SUFFIXES = (".toml", ".txt", ".md", ".json", ".log", ".csv", ".npy", ".npz", *TIFF_SUFFIXES)
 """Files that lie beside frames, or hold stacks."""
+LEAKING = (
+    "each image holds several frames in its channels: light that leaks from one colour to another "
+    "is not corrected, and its errors are not in σ; a plan with colours = true removes it"
+)
+"""Note of captures with channels that are a frame each."""
 MAX_NOTES = 1
 """Notes about single frames that are kept in full; the others are counted."""
 
@@ -97,6 +106,9 @@ def read_stack(
         if not is_file(plan):
             raise FileProblem(f"{path}: expected a plan, or a file {PLAN_FILE} beside it; got none")
     layout = _plan_of(plan)
+    if layout.colours:
+        read = _read_colours([path], layout, checked_channels(channels), None)
+        return replace(read, sources=(source_of(path),))
     frames, lossy, notes = _read_file(path, checked_channels(channels), layout)
     return Stack(
         frames,
@@ -174,7 +186,8 @@ def write_stack(
     folder : path
         New, empty, or an earlier result, which is replaced as a whole.
     frames : iterable of (h, w) arrays
-        In the order of the plan: whole counts become PNG, floats TIFF.
+        In the order of the plan: whole counts become PNG, floats TIFF. Photographs (h, w, 3) for a
+        plan with ``colours``.
     plan : PatternPlan
     camera, projector : str, optional
         Names of the devices.
@@ -198,7 +211,7 @@ def write_stack(
     FramesContradictPlan where the number of frames is not the plan's; FileProblem where the folder
     holds other things or cannot be written to.
     """
-    labels = plan.labels()
+    labels = plan.picture_labels()
     with writing_capture(
         folder,
         plan,
@@ -220,6 +233,26 @@ def _plan_of(plan: StrPath | PatternPlan) -> PatternPlan:
     return plan if isinstance(plan, PatternPlan) else read_plan(plan)
 
 
+def _read_colours(
+    paths: Sequence[Path], plan: PatternPlan, channels: str, saturation: float | None
+) -> Stack:
+    """The frames in the colours of photographs, or of one file of them, without crosstalk."""
+    if channels:
+        raise FileProblem(
+            f"{paths[0].parent}: expected no channels for a plan with colours, which takes all "
+            f"three, got {channels}"
+        )
+    if len(paths) == 1:
+        array, lossy = open_stack_file(paths[0])
+        pictures = list(array)
+    else:
+        read = read_frames(paths, stack=True, channels=CHANNELS)
+        lossy, count = read.lossy, len(CHANNELS)
+        threes = (read.frames[k : k + count] for k in range(0, len(read.frames), count))
+        pictures = [np.stack(three, axis=-1) for three in threes]
+    return replace(unmix(pictures, plan, saturation=saturation), lossy=lossy)
+
+
 def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str | None) -> Stack:
     description = folder / CAPTURE_FILE
     described = is_file(description)
@@ -231,6 +264,10 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
             raise missing_description(folder, told(content.plan), captures_in(folder))
     layout, saturation = _plan_of(plan), content.saturation
     channels = checked_channels(channels or content.channels)
+    tomls = [description] if described else []
+    tomls += [] if isinstance(plan, PatternPlan) else [Path(plan)]
+    if layout.colours:
+        return _colour_capture(folder, layout, content, channels, tomls)
     if isinstance(listed, str):
         paths = [existing_file(inside(folder, listed), "a stack of frames")]
         frames, lossy, said = _read_file(paths[0], channels, layout)
@@ -242,9 +279,7 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
         single = channels == BEST or len(channels) <= 1
         shown = texture_weights(layout) if single else {}
         read = read_frames(paths, stack=True, channels=channels, weights=shown)
-        notes += _first_of(read.notes)
-    tomls = [description] if described else []
-    tomls += [] if isinstance(plan, PatternPlan) else [Path(plan)]
+        notes += _first_of(read.notes) if single else [LEAKING]
     return Stack(
         read.frames,
         layout,
@@ -258,6 +293,27 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
         _region_of(content, read.frames),
         read.colour,
         content.white_balance,
+    )
+
+
+def _colour_capture(
+    folder: Path, plan: PatternPlan, content: StackFile, channels: str, tomls: list[Path]
+) -> Stack:
+    """The capture of a plan with colours."""
+    notes: list[str] = []
+    if isinstance(content.frames, str):
+        paths = [existing_file(inside(folder, content.frames), "a stack of frames")]
+    else:
+        paths, notes = _images_in_order(folder, content.frames, "", plan)
+    read = _read_colours(paths, plan, channels, content.saturation)
+    return replace(
+        read,
+        camera=content.devices.camera,
+        projector=content.devices.projector,
+        notes=(*notes, *read.notes),
+        sources=tuple(source_of(path) for path in (*paths, *tomls)),
+        region=_region_of(content, read.frames),
+        white_balance=content.white_balance,
     )
 
 
@@ -315,14 +371,27 @@ def _described(folder: Path) -> StackFile:
 
 def captures_in(folder: Path) -> str:
     """Which captures a folder holds in place of one, as the end of a message."""
-    names = sorted(
-        path.name
-        for path in folder.iterdir()
-        if is_folder(path) and any(is_file(path / name) for name in (CAPTURE_FILE, PLAN_FILE))
-    )
+    names = sorted(path.relative_to(folder).as_posix() for path in _below(folder, MOST_LEVELS))
     more = f" and {len(names) - MOST_NAMES} others" if len(names) > MOST_NAMES else ""
     shown = ", ".join(names[:MOST_NAMES])
     return f"; it holds captures: {shown}{more}; give one of them" if names else ""
+
+
+def _below(folder: Path, levels: int) -> Iterator[Path]:
+    """The captures in a folder and in its folders, down to a number of levels."""
+    for path in folder.iterdir():
+        if not is_folder(path) or path.is_symlink():
+            continue
+        if any(is_file(path / name) for name in (CAPTURE_FILE, PLAN_FILE)):
+            yield path
+        elif levels > 1:
+            yield from _below(path, levels - 1)
+
+
+def _part_of_capture(path: Path) -> str:
+    """What to give in place of a file that belongs to a capture, as the end of a message."""
+    inside = any(is_file(path.parent / name) for name in (CAPTURE_FILE, PLAN_FILE))
+    return f"; it belongs to a capture: give its folder, {path.parent}" if inside else ""
 
 
 def images_of(folder: Path) -> list[Path]:
@@ -340,14 +409,27 @@ def images_of(folder: Path) -> list[Path]:
         if others:
             told_kinds = ", ".join(f"{n} {kind} files" for kind, n in others[:MOST_NAMES])
             raise FileProblem(
-                f"{folder}: expected images ({', '.join(suffixes)}), got {told_kinds}, which are "
-                "not read; convert them first"
+                f"{folder}: expected images ({', '.join(suffixes)}), got {told_kinds}"
+                f"{_instead({kind for kind, _ in others})}"
+            )
+        arrays = [kind for kind in (".npy", ".npz") if kinds[kind]]
+        if arrays:
+            raise FileProblem(
+                f"{folder}: expected images ({', '.join(suffixes)}), got {kinds[arrays[0]]} "
+                f"{arrays[0]} files; give one file that holds all frames, (n, h, w)"
             )
     if len(found) == 1 and found[0].suffix.lower() in TIFF_SUFFIXES:
         raise FileProblem(
             f"{folder}: expected one image per frame, got one TIFF; name it as the capture itself"
         )
     return by_name(found)
+
+
+def _instead(kinds: set[str]) -> str:
+    """What to do with files of these kinds in place of images, as the end of a message."""
+    if kinds <= set(VIDEO_SUFFIXES):
+        return "; a capture is one video: give one of them"
+    return ", which are not read; convert them first"
 
 
 def video_in(folder: Path) -> str | None:
@@ -406,5 +488,6 @@ def open_stack_file(path: Path) -> tuple[NDArray[Any], bool]:
     else:
         raise FileProblem(
             f"{path}: expected one of {', '.join(STACK_SUFFIXES)}, got {suffix or path.name}"
+            f"{_part_of_capture(path)}"
         )
     return stack, lossy

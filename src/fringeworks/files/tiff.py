@@ -21,6 +21,10 @@ LOSSY = (6, 7, 34892)
 """Codes of lossy compression: JPEG of TIFF 6.0, JPEG, and lossy JPEG of digital negatives."""
 WHITE_IS_ZERO = 0
 """Code of grey levels that count from white to black."""
+SEPARATED = 5
+"""Code of the colours of print: cyan, magenta, yellow and black."""
+PLANES = 2
+"""Code of colours that are stored one after the other."""
 UNCOMPRESSED = 1
 """Code of no compression."""
 DEFLATE = (8, 32946)
@@ -81,12 +85,16 @@ def read_tiff(path: StrPath, *, on_disk: bool = False) -> tuple[NDArray[Any], bo
         check_frame_size(first.imagewidth, first.imagelength)
         if on_disk and series.dataoffset is not None:
             kind = series.dtype.newbyteorder(file.byteorder)
-            return np.memmap(path, kind, "r", series.dataoffset, series.shape), lossy
+            mapped = np.memmap(path, kind, "r", series.dataoffset, series.shape)
+            return _colour_last(mapped, first), lossy
         check_bytes(float(np.prod(series.shape, dtype=float)) * series.dtype.itemsize, "a TIFF")
         for page in series.pages:
             if page is not None:
                 _check_page(file, page)
         array = _pixels(path, series)
+        if int(first.photometric) == SEPARATED:
+            raise FileProblem("expected grey or red, green and blue, got colours of print (CMYK)")
+        array = _colour_last(array, first)
         if int(first.photometric) == WHITE_IS_ZERO and array.dtype.kind in "bu":
             array = ~array
         if array.size == 0:
@@ -98,17 +106,32 @@ def _pixels(path: Path, series: tifffile.TiffPageSeries) -> NDArray[Any]:
     """The pages of a series; Pillow reads compressions whose codecs tifffile does not bring."""
     try:
         return np.asarray(series.asarray())
+    except ModuleNotFoundError:  # Zstandard needs a module of Python 3.14
+        pass
     except ValueError as error:
         if "imagecodecs" not in str(error):
             raise
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     pages = []
-    with Image.open(path) as image:
-        for page in series.pages:
-            image.seek(0 if page is None else page.index)
-            pages.append(np.asarray(image).astype(series.dtype.newbyteorder("="), copy=False))
+    try:
+        with Image.open(path) as image:
+            for page in series.pages:
+                image.seek(0 if page is None else page.index)
+                pages.append(np.asarray(image).astype(series.dtype.newbyteorder("="), copy=False))
+    except UnidentifiedImageError as error:
+        name = getattr(series.keyframe.compression, "name", series.keyframe.compression)
+        raise FileProblem(
+            f"expected a compression that is read, got {name}; pip install imagecodecs, or save it "
+            "without compression"
+        ) from error
     return np.stack(pages) if len(pages) > 1 else pages[0]
+
+
+def _colour_last(array: NDArray[Any], page: Any) -> NDArray[Any]:
+    """The pixels with their colours along the last axis, also where the file has planes of them."""
+    planes = int(page.planarconfig) == PLANES and page.samplesperpixel > 1
+    return np.moveaxis(array, -3, -1) if planes else array
 
 
 def _check_page(file: tifffile.TiffFile, page: Any) -> None:

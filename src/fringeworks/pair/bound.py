@@ -9,7 +9,7 @@ from fringeworks import _core
 from fringeworks.pair.prepared import PreparedPair, prepare
 from fringeworks.pair.windows import MIN_RATIO, SCALE_LIMITS_PX, Windows
 from fringeworks.signal.filters import weighted_sum
-from fringeworks.types import FloatMap, InputError, Pair
+from fringeworks.types import FloatMap, InputError, Pair, unmasked
 
 WINDOW_PERIODS = 0.25
 """Default width σ of the window, periods: it resolves what filters about the carrier resolve."""
@@ -81,7 +81,7 @@ def bound_px(
     """
     prepared = pair if isinstance(pair, PreparedPair) else prepare(pair)
     turn = prepared.to_capture
-    u = turn(np.asarray(displacement_px))
+    u = turn(unmasked(displacement_px, "displacement"))
     if u.shape != prepared.object.shape:
         shape = turn(prepared.object).shape
         raise InputError(f"displacement_px: expected shape {shape}, got {displacement_px.shape}")

@@ -12,6 +12,7 @@ from fringeworks.types import (
     InputError,
     Reason,
     ReferencePlaneGeometry,
+    unmasked,
 )
 
 
@@ -96,7 +97,7 @@ def height_from_displacement(
 
 def _real(values: FloatMap, name: str) -> FloatMap:
     """Real numbers in double precision."""
-    array = np.asarray(values)
+    array = unmasked(values, name)
     if array.dtype.kind not in NUMBERS:
         raise InputError(f"{name}: expected real numbers, got {array.dtype}")
     return array.astype(np.float64)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.signal.bands import by_bands, row_bands
-from fringeworks.types import BoolMap, FloatMap, InputError
+from fringeworks.types import BoolMap, FloatMap, InputError, unmasked
 
 Algorithm = Literal["auto", "reliability", "guided", "least_squares"]
 ALGORITHMS = ("auto", "reliability", "guided", "least_squares")
@@ -192,6 +192,7 @@ def _checked(
         valid &= np.asarray(mask, bool)
     weight = None
     if quality is not None:
+        quality = unmasked(quality, "quality")
         if quality.shape != values.shape:
             raise InputError(f"quality: expected shape {values.shape}, got {quality.shape}")
         if quality.dtype.kind not in "fiu":

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.binary import diffused
-from fringeworks.patterns.plan import PatternPlan, Uniform
-from fringeworks.types import FloatMap
+from fringeworks.patterns.plan import COLOURS, SOLID, PatternPlan, Uniform
+from fringeworks.types import FloatMap, InputError
 
 DITHER_THRESHOLDS = 8
 """Number of thresholds of the ordered dither, and its period along both axes, px.
@@ -37,7 +37,8 @@ def encode(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
 
     Yields
     ------
-    (height, width) arrays of counts 0 … 2^bits − 1: uint8 up to 8 bits, uint16 for more.
+    (height, width) arrays of counts 0 … 2^bits − 1: uint8 up to 8 bits, uint16 for more. With
+    ``colours``, (height, width, 3) arrays with red, green and blue, and solid ones at the end.
 
     Notes
     -----
@@ -51,6 +52,27 @@ def encode(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
     >>> [int(picture[0, 0]) for picture in encode(plan)]
     [255, 128, 0, 128]
     """
+    if not plan.colours:
+        yield from _grey(plan)
+        return
+    for three in _threes(_grey(plan)):
+        yield np.stack(three, axis=-1)
+    for name in SOLID:
+        solid = np.zeros((plan.height_px, plan.width_px, COLOURS), np.uint8)
+        if name != "black":
+            solid[..., SOLID.index(name)] = 255
+        yield solid
+
+
+def _threes(
+    frames: Iterator[NDArray[np.unsignedinteger]],
+) -> Iterator[tuple[NDArray[np.unsignedinteger], ...]]:
+    """Three frames at a time."""
+    return zip(frames, frames, frames, strict=True)
+
+
+def _grey(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
+    """Draw the frames of a plan in grey."""
     top = 2**plan.bits - 1
     kind = np.uint8 if plan.bits <= 8 else np.uint16
     shape = (plan.height_px, plan.width_px)
@@ -74,10 +96,30 @@ def encode(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
             yield picture
 
 
+def grey_pictures(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
+    """The pictures of a plan in grey, for what shows or sees no colours.
+
+    Raises
+    ------
+    InputError for a plan with colours.
+    """
+    refuse_colours(plan)
+    return _grey(plan)
+
+
+def refuse_colours(plan: PatternPlan) -> None:
+    """Refuse a plan with colours where frames are shown or taken in grey."""
+    if plan.colours:
+        raise InputError(
+            "plan: expected grey pictures here, got colours; write_patterns draws them for other "
+            "programs, and their photographs are read with the plan"
+        )
+
+
 def thrown(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
     """The pictures of a plan as they leave the projector, mirrored where the plan says so."""
     rows, columns = (slice(None, None, -1 if axis in plan.mirrored else 1) for axis in ("y", "x"))
-    for picture in encode(plan):
+    for picture in grey_pictures(plan):
         yield picture[rows, columns]
 
 

@@ -38,6 +38,12 @@ The decoding kernel marks the samples of a pixel in a 64-bit mask. More steps ar
 useful, because the precision grows only with √N.
 """
 
+COLOURS = 3
+"""Colours of a picture: red, green and blue."""
+
+SOLID = ("red", "green", "blue", "black")
+"""Solid pictures at the end of a plan with colours, in their order."""
+
 LINE_STEPS = range(4, 9)
 """Numbers of steps of lines. Three leave no residuals, which show how sharp the lines are. With
 nine, harmonics of sharp lines beyond the fourth are taken for so much noise that it hides them."""
@@ -293,8 +299,14 @@ class PatternPlan(Plotted, Frozen):
     """Axes along which the projector mirrors the pictures that it is sent, as with projection from
     behind: x for columns from right to left. Coordinates count the projector's own pixels."""
 
+    colours: bool = False
+    """Whether red, green and blue of a picture show three frames, one after the other. Solid
+    pictures of the colours and a black one follow the last."""
+
     def __post_init__(self) -> None:
         check_projector(self.width_px, self.height_px)
+        if self.colours:
+            self._check_colours()
         if self.bits not in DEPTHS:
             depths = ", ".join(str(depth) for depth in DEPTHS)
             raise InputError(f"bits: expected one of {depths}, got {self.bits}")
@@ -320,6 +332,41 @@ class PatternPlan(Plotted, Frozen):
         for axis in self.mirrored:
             check_axis(axis)
         _ = self.placed  # refuses codes that cannot be mirrored
+
+    def _check_colours(self) -> None:
+        """Refuse blocks that do not fit into the colours of pictures."""
+        if self.bits != 8 or self.dither:
+            raise InputError(
+                f"plan: expected 8 bit without dither for colours, got {self.bits} bit"
+                f"{' with a dither' if self.dither else ''}"
+            )
+        if self.frames % COLOURS:
+            raise InputError(
+                "plan: expected three frames for each colour picture, got "
+                f"{self.frames} frames; add a block of the kind unused"
+            )
+        steps = [(k, b) for k, b in self.placed if isinstance(b, PhaseSteps)]
+        if not steps:
+            raise InputError("plan: expected sets of three steps for colours, got none")
+        for first, block in steps:
+            turns = np.sort(np.asarray(block.shifts_rad) / TURN % 1.0)
+            equal = block.frames == COLOURS and np.allclose(np.diff(turns), 1.0 / COLOURS)
+            if first % COLOURS or not equal:
+                raise InputError(
+                    "plan: expected sets of three equal steps in the colours of one picture, got "
+                    f"{block.frames} steps from frame {first} on"
+                )
+
+    @property
+    def pictures(self) -> int:
+        """Number of pictures that are shown: of colours, one for three frames, and four solid."""
+        return self.frames // COLOURS + len(SOLID) if self.colours else self.frames
+
+    def picture_labels(self) -> list[str]:
+        """One name for each picture."""
+        if not self.colours:
+            return self.labels()
+        return [f"colours-{name}" for name in self.labels()[::COLOURS]] + list(SOLID)
 
     def length_px(self, axis: Axis) -> int:
         """Length of the projector along an axis, px."""
@@ -351,7 +398,9 @@ class PatternPlan(Plotted, Frozen):
         """The plan of the frames that are decoded, in the projector's own pixels; their indices."""
         kept = [(k, block) for k, block in self.placed if block != Uniform("unused")]
         frames = tuple(k + n for k, block in kept for n in range(block.frames))
-        return replace(self, blocks=tuple(block for _, block in kept), mirrored=()), frames
+        return replace(
+            self, blocks=tuple(block for _, block in kept), mirrored=(), colours=False
+        ), frames
 
     def _seen(self, block: Block) -> Iterator[Block]:
         """What is decoded of a block."""

@@ -12,6 +12,8 @@ import numpy as np
 from fringeworks.patterns.gray_code import FRAME_MINUS_MEAN, finest_cell
 from fringeworks.patterns.order_chain import TURN, separation
 from fringeworks.patterns.plan import (
+    COLOURS,
+    SOLID,
     Block,
     GrayCode,
     PatternPlan,
@@ -28,6 +30,13 @@ MIN_MARGIN = 6.0
 One more than decoding demands (``ORDER_SIGMAS``), so that a surface a sixth darker than expected
 still decodes. At this margin, less than 1 % of the projector is lost because noise could wrap the
 first combination from one end to the other.
+"""
+
+COLOUR_NOISE = (1.0 + 1.125 + 0.25) ** 0.5
+"""Noise of steps in colours over that of grey ones, for channels of equal light without crosstalk.
+
+The solid pictures are as noisy as the others. Each counts with the share of its light, whose mean
+square is 3/8 for a step, and black with ½. Crosstalk and coloured objects make more.
 """
 
 MAX_TRIALS = 12
@@ -155,6 +164,7 @@ def propose(
     range_px: Mapping[Axis, float] | None = None,
     camera_pixel_px: float | None = None,
     blur_px: float = 0.0,
+    colours: bool = False,
 ) -> list[Proposal]:
     """Propose the best plan of every kind, the smallest predicted error first.
 
@@ -185,6 +195,9 @@ def propose(
         resolves, and a Gray code without fringes of the finest such cells is proposed as well.
     blur_px : float ≥ 0
         Standard deviation of the blur of camera and projector, camera px.
+    colours : bool
+        Whether red, green and blue of each picture show three steps. ``frames`` then counts the
+        pictures, four of which are solid and serve both axes.
 
     Returns
     -------
@@ -213,36 +226,84 @@ def propose(
     if robust:
         max_period_px = min(max_period_px, ROBUST_BAND * min_period_px)
     band = min_period_px, max_period_px
+    given = f"{frames} {'pictures' if colours else 'frames'}, noise {noise:g}"
+    if colours:
+        frames, noise = _in_colours(frames, axes), COLOUR_NOISE * noise
     share = checked_share(frames, axes, noise, modulation, band)
     check_projector(width_px, height_px)
     ratio, absolute = noise / modulation, range_px is None
     lengths = {"x": float(width_px), "y": float(height_px)} if range_px is None else range_px
     cell = _checked_cell(camera_pixel_px, blur_px, ratio)
     proposals: list[Proposal] = []
-    if cell is not None and absolute and math.isinf(max_period_px):
+    if cell is not None and absolute and math.isinf(max_period_px) and not colours:
         proposals += _gray_alone(width_px, height_px, axes, frames, ratio, cell)
     for kind in KINDS if absolute else PHASE_KINDS:
         if kind == "gray" and math.isfinite(max_period_px):
             continue  # the stripes of a Gray code are as wide as half the projector
         blocks: list[Block] = []
         for axis in axes:
-            best = _best(kind, axis, lengths[axis], share, ratio, band, cell or 1)
+            best = _best_share(
+                kind, axis, lengths[axis], share, ratio, band, cell or 1, colours=colours
+            )
             if best is None:
                 break
             blocks += best
         else:
-            plan = PatternPlan(width_px, height_px, tuple(blocks))
+            plan = PatternPlan(width_px, height_px, tuple(blocks), colours=colours)
             margin = min(_margin(plan, axis, ratio, absolute) for axis in axes)
             sigma = max(_predicted(plan, axis, ratio) for axis in axes)
             proposals.append(Proposal(kind, plan, sigma, margin, _reason(max_period_px)))
     if not proposals:
-        longer = "" if math.isinf(max_period_px) else ", or longer periods"
-        raise InputError(
-            f"plan: with {frames} frames, noise {noise:g} and modulation {modulation:g}, no plan "
-            f"resolves the fringe orders with a margin of {MIN_MARGIN:g} standard deviations: "
-            f"expected more frames or light{longer}"
-        )
+        raise _unresolved(f"{given} and modulation {modulation:g}", max_period_px)
     return sorted(proposals, key=lambda proposal: proposal.sigma_px)
+
+
+def _in_colours(pictures: int, axes: Sequence[Axis]) -> int:
+    """Frames in the colours of a number of pictures, without the solid ones."""
+    if pictures < len(SOLID) + len(axes):
+        raise InputError(
+            f"frames: expected {len(SOLID) + len(axes)} pictures or more, of which {len(SOLID)} "
+            f"are solid, got {pictures}"
+        )
+    return COLOURS * (pictures - len(SOLID))
+
+
+def _unresolved(given: str, max_period_px: float) -> InputError:
+    """The error where no plan has the required margin."""
+    longer = "" if math.isinf(max_period_px) else ", or longer periods"
+    return InputError(
+        f"plan: with {given}, no plan resolves the fringe orders with a margin of {MIN_MARGIN:g} "
+        f"standard deviations: expected more frames or light{longer}"
+    )
+
+
+def _best_share(
+    kind: str,
+    axis: Axis,
+    length: float,
+    share: int,
+    ratio: float,
+    band: tuple[float, float],
+    cell: int,
+    *,
+    colours: bool,
+) -> list[Block] | None:
+    """Blocks of a kind along an axis; in colours of as many whole pictures as make the smallest
+    error."""
+    if not colours:
+        return _best(kind, axis, length, share, ratio, band, cell)
+    if kind == "single":
+        share = COLOURS
+    found = [
+        _best(kind, axis, length, n, ratio, band, cell, COLOURS)
+        for n in range(COLOURS, share + 1, COLOURS)
+    ]
+
+    def error(blocks: list[Block]) -> float:
+        sets = [b for b in blocks if isinstance(b, PhaseSteps)]
+        return _sigma([b.period_px for b in sets], [ratio / math.sqrt(b.precision) for b in sets])
+
+    return min((blocks for blocks in found if blocks), key=error, default=None)
 
 
 def _reason(max_period_px: float) -> str:
@@ -294,18 +355,22 @@ def _best(
     ratio: float,
     band: tuple[float, float],
     cell: int,
+    steps: int | None = None,
 ) -> list[Block] | None:
-    """Blocks of a kind with the smallest error; None where none has the required margin."""
+    """Blocks of a kind with the smallest error; None where none has the required margin.
+
+    ``steps`` is the number of steps of every set where it is fixed.
+    """
     least, most = band
     options: Iterator[list[Block]]
     if kind == "gray":
-        options = _gray(axis, math.ceil(length), frames, max(least, 2.0 * cell))
+        options = _gray(axis, math.ceil(length), frames, max(least, 2.0 * cell), steps)
     elif kind == "single":
         period = max(math.ceil(length) + END_PX, least)
         single: list[Block] = [PhaseSteps(axis, period, equal_steps(frames))]
         options = iter([single] if period <= most else [])
     else:
-        options = _phases(kind, axis, math.ceil(length), frames, ratio, band)
+        options = _phases(kind, axis, math.ceil(length), frames, ratio, band, steps)
     best, smallest = None, math.inf
     for blocks in options:
         sets = [b for b in blocks if isinstance(b, PhaseSteps)]
@@ -318,12 +383,14 @@ def _best(
     return best
 
 
-def _gray(axis: Axis, length: int, frames: int, least: float) -> Iterator[list[Block]]:
+def _gray(
+    axis: Axis, length: int, frames: int, least: float, fixed: int | None = None
+) -> Iterator[list[Block]]:
     """Fringes and Gray code with cells of half a period.
 
     A pixel on a blurred border may be read as either cell; both lead to the same fringe order.
     """
-    for steps in range(3, frames):
+    for steps in range(3, frames) if fixed is None else range(fixed, min(fixed + 1, frames)):
         bits = frames - steps
         step = max(length / 2**bits, 0.5 * least)
         if bits > math.ceil(math.log2(length / step)):
@@ -374,12 +441,20 @@ def _shares(frames: int, sets: int) -> list[list[int]]:
 
 
 def _phases(
-    kind: str, axis: Axis, length: int, frames: int, ratio: float, band: tuple[float, float]
+    kind: str,
+    axis: Axis,
+    length: int,
+    frames: int,
+    ratio: float,
+    band: tuple[float, float],
+    fixed: int | None = None,
 ) -> Iterator[list[Block]]:
     """Blocks of fringes of a kind, for every number of sets the finest that have the margin."""
     span = length + END_PX
     for sets in range(2, MAX_SETS + 1):
         for steps in _shares(frames, sets):
+            if fixed is not None and any(n != fixed for n in steps):
+                continue
             weights = [0.5 * n * (TURN / ratio) ** 2 for n in steps]
             separated = _separated(kind, span, sets, weights, band)
             for periods in islice(separated, MAX_TRIALS):

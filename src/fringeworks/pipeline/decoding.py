@@ -52,6 +52,8 @@ def given_options(stack: Stack, options: DecodeOptions) -> DecodeOptions:
     """The options that are not None; without them, the stack's own saturation and count step."""
     known: Any = {name: value for name, value in options.items() if value is not None}
     merged: DecodeOptions = {"saturation": stack.saturation, "count_step": stack.count_step}
+    if stack.noise is not None:
+        merged["noise"] = stack.noise
     merged.update(known)
     return merged
 

@@ -43,6 +43,7 @@ from fringeworks.types import (
     as_notes,
     explained,
     made_by,
+    unmasked,
 )
 
 Zero = Literal["rim", "reference"]
@@ -225,7 +226,7 @@ def calibrate_plane(
     sources: dict[str, Source] = {}
     for number, plane in enumerate(planes, 1):
         if isinstance(plane, np.ndarray):
-            maps.append(plane)
+            maps.append(unmasked(plane, f"displacement {number}"))
             sources |= {s.sha256: s for s in sources_of(**{f"displacement {number}": plane})}
         else:
             pair = pair_of(plane)

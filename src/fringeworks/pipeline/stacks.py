@@ -12,6 +12,7 @@ import numpy as np
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.rig import read_rig
 from fringeworks.files.stack import read_stack
+from fringeworks.patterns.encode import refuse_colours
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, repeats
 from fringeworks.pipeline.decoding import decoded_exposures, given_options, of_files
 from fringeworks.pipeline.inputs import inputs_of, stack_of, stacks_of
@@ -223,6 +224,7 @@ def measure_response(
     InputError without names, without Gray code, or for a set that the plan does not have.
     """
     stack = stack_of(stack)
+    refuse_colours(stack.plan)
     names = {"camera": camera or stack.camera, "projector": projector or stack.projector}
     for device, name in names.items():
         if not name:
@@ -288,6 +290,7 @@ def light_from_stack(
     """Separate direct from indirect light of a stack; see ``verbs.separate_light``, which gives all
     its options."""
     stack = stack_of(stack)
+    refuse_colours(stack.plan)
     if options["response"] is not None:
         check_devices(options["response"], stack.camera, stack.projector)
     if options["saturation"] is None:

@@ -19,6 +19,7 @@ from fringeworks.types import (
     InputError,
     Rig,
     RigMismatch,
+    unmasked,
 )
 
 PIXELS = 12_000
@@ -114,7 +115,7 @@ class EpipolarEvidence(Frozen):
 
     def __post_init__(self) -> None:
         for name in ("information", "score"):
-            object.__setattr__(self, name, np.asarray(getattr(self, name), np.float64))
+            object.__setattr__(self, name, unmasked(getattr(self, name), name).astype(np.float64))
         super().__post_init__()
         shapes = self.information.shape, self.score.shape
         if shapes != ((24, 24), (24,)):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fringeworks.devices.memory_projector import MemoryProjector
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.devices.sequencer import SequenceProjector
-from fringeworks.patterns.encode import encode
+from fringeworks.patterns.encode import grey_pictures, refuse_colours
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.patterns.propose import Proposal
 from fringeworks.scan.agreement import Agreement
@@ -116,7 +116,7 @@ def pictures_of(
     """Draw the pictures of a plan in the projector's size, those of some numbers or all."""
     wanted = set(range(plan.frames) if only is None else only)
     labels = plan.labels()
-    for n, counts in enumerate(encode(plan)):
+    for n, counts in enumerate(grey_pictures(plan)):
         if n in wanted:
             yield Picture(n, labels[n], on_screen(counts, projector))
 
@@ -132,6 +132,7 @@ def check_plan(projector: Projector, plan: PatternPlan) -> None:
     if not isinstance(plan, PatternPlan):
         of = "; a Proposal has one as its .plan" if isinstance(plan, Proposal | list) else ""
         raise InputError(f"plan: expected a PatternPlan, got {type(plan).__name__}{of}")
+    refuse_colours(plan)
     columns, rows = projector.size_px
     if plan.width_px > columns or plan.height_px > rows:
         raise InputError(

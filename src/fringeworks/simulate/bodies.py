@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.types import NUMBERS, FloatMap, Frozen, InputError
+from fringeworks.types import NUMBERS, FloatMap, Frozen, InputError, unmasked
 
 Albedo = float | Callable[[FloatMap, FloatMap], FloatMap]
 """One reflectance, 0…1, or a function of x and y in the body's coordinates, mm."""
@@ -221,7 +221,10 @@ class Mesh(Frozen):
     _tree: _core.Triangles = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        kinds = np.asarray(self.vertices_mm).dtype.kind, np.asarray(self.faces).dtype.kind
+        kinds = (
+            unmasked(self.vertices_mm, "mesh").dtype.kind,
+            unmasked(self.faces, "mesh").dtype.kind,
+        )
         if kinds[0] not in NUMBERS or kinds[1] not in "ui":
             raise InputError("mesh: expected real vertices and faces of whole numbers, got others")
         vertices = np.ascontiguousarray(self.vertices_mm, np.float64)

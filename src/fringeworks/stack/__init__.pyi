@@ -50,6 +50,9 @@ from ..pipeline.verbs import (
 from .grey_card import (
     white_balance as white_balance,
 )
+from .colour_steps import (
+    unmix as unmix,
+)
 from .even_light import (
     texture as texture,
 )

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
 from fringeworks.signal.bands import row_bands
 from fringeworks.types import (
+    CameraNoise,
     FloatMap,
     FramesContradictPlan,
     Frozen,
@@ -86,6 +87,9 @@ class Stack(Frozen):
     """Gains of red, green and blue that ``measure`` applies to the colour of the points, as
     ``fringeworks.stack.white_balance`` measures them; None for none."""
 
+    noise: CameraNoise | None = None
+    """Noise of the frames, where it is known, as of those that ``unmix`` makes."""
+
     def __post_init__(self) -> None:
         frames = self.frames
         object.__setattr__(self, "frames", tuple(unmasked(frame, "frames") for frame in frames))
@@ -135,7 +139,10 @@ def check_frame(
     # NumPy computes a type's name anew each time; its short form without byte order is at hand.
     short = frame.dtype.str[1:]
     if short not in SHORT_TYPES:
-        raise InputError(f"frame {label}: expected {', '.join(FRAME_TYPES)}, got {frame.dtype}")
+        raise InputError(
+            f"frame {label}: expected {', '.join(FRAME_TYPES)}, got {frame.dtype}; "
+            "frame.astype(np.float32) converts it"
+        )
     if frame.shape != shape:
         raise FramesContradictPlan(
             f"frame {label}: expected the size of the first, {shape}, got {frame.shape}"

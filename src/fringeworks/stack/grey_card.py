@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fringeworks.stack.frames import Stack
-from fringeworks.types import FloatMap, InputError, finite, whole
+from fringeworks.types import FloatMap, InputError, finite, unmasked, whole
 
 CHANNELS = ("red", "green", "blue")
 """Names of the channels, in their order."""
@@ -44,7 +44,7 @@ def white_balance(
     >>> white_balance(np.full((20, 30, 3), (50.0, 100.0, 80.0)), box=(5, 5, 15, 15))
     (2.0, 1.0, 1.25)
     """
-    seen = capture.colour if isinstance(capture, Stack) else capture
+    seen = capture.colour if isinstance(capture, Stack) else unmasked(capture, "colour")
     if seen is None or np.ndim(seen) != 3 or np.shape(seen)[2] != len(CHANNELS):
         got = "grey frames" if seen is None else f"shape {np.shape(seen)}"
         raise InputError(f"white balance: expected colour (h, w, 3), got {got}")

@@ -13,6 +13,7 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, step_design
 from fringeworks.stack.agreement import SAME, LineEvidence, Order
 from fringeworks.stack.kernel_settings import decoding_of
+from fringeworks.stack.other_orders import orders_of_other_programs
 from fringeworks.stack.step_convention import convention, steps_in_words
 from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import Axis, FloatMap, FramesContradictPlan, InputError
@@ -62,6 +63,10 @@ MAX_NAMED = 3
 """At most this many orders of one kind are named."""
 
 
+OWN_AXES = 0.5
+"""Share of the gain of an order that exchanges the axes from which on one that does not is named
+in its place. Orders of codes with their own axes have 0.6 and more of it in simulations."""
+
 PREFERRED = ("steps", "", "set", "moved", "start")
 """Kinds of explanations in the order in which equally good ones are named; "" stands for others."""
 
@@ -74,6 +79,10 @@ class Hypothesis:
     kind: str
     words: str
     advice: str = ""
+    changes: int = 0
+    """Number of conventions that differ from the plan's, for an order of another program."""
+    exchanged: bool = False
+    """Whether columns and rows change places."""
 
 
 def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
@@ -101,6 +110,7 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
         return False
     planned = _cost(plan, Order(tuple(range(plan.frames))), evidence)
     assert planned is not None
+    _refuse_equal(plan, evidence)
     repeated = _repeated(plan, evidence)
     if repeated and repeated[0] < plan.frames - 1:
         raise FramesContradictPlan(_repeats_in_words(plan, repeated[0]))
@@ -115,7 +125,7 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
         against = AGAINST if None not in hypothesis.order.places else AGAINST_UNSEEN
         if better - worse > max(least, FAR_BETTER) and worse < against * better:
             found.append((better - worse, hypothesis))
-    found = _with_one_start(found)
+    found = _with_own_axes(_with_one_start(found))
     if found:
         also = f"; {_repeats_in_words(plan, repeated[0])}" if repeated else ""
         raise FramesContradictPlan(_words(found) + also)
@@ -139,6 +149,14 @@ def _with_one_start(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, 
         return len(gains) > 1 and gains[-2] > (1.0 - EQUALLY_GOOD) * gains[-1]
 
     return [(gain, h) for gain, h in found if h.kind != "set" or not vague(h)]
+
+
+def _with_own_axes(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, Hypothesis]]:
+    """The explanations without those that exchange columns and rows, where others fit: what
+    changes across the lines of an axis is smooth along them, and would cost nothing."""
+    own = [(gain, h) for gain, h in found if not h.exchanged]
+    best = [max((gain for gain, _ in which), default=0.0) for which in (own, found)]
+    return own if best[0] > OWN_AXES * best[1] else found
 
 
 def _refuse_other_steps(plan: PatternPlan, evidence: Evidence) -> None:
@@ -230,16 +248,26 @@ def _words(found: list[tuple[float, Hypothesis]]) -> str:
     found.sort(key=lambda f: -f[0])
     best = found[0][0]
     good = [h for gain, h in found if gain > best - max(FAR_BETTER, EQUALLY_GOOD * best)]
+    good = _simplest(good)
     good.sort(key=lambda h: PREFERRED.index(h.kind) if h.kind in PREFERRED else 1)
     named: dict[str, list[str]] = {}
     for h in good:
         named.setdefault(h.kind, []).append(h.words)
-    causes = [" or ".join(words[:MAX_NAMED]) for words in named.values()]
+    causes = [" or ".join(list(dict.fromkeys(words))[:MAX_NAMED]) for words in named.values()]
     first, also = causes[0], "".join(f", or {cause}" for cause in causes[1:])
     return (
         f"frames: {first}{also}, judging by how all frames agree; expected the frames of the plan "
-        "in its order, of one scene at rest" + "".join(h.advice for h in good)
+        "in its order, of one scene at rest" + "".join(dict.fromkeys(h.advice for h in good))
     )
+
+
+def _simplest(good: list[Hypothesis]) -> list[Hypothesis]:
+    """Without orders of other programs that differ more from the plan's than others that fit as
+    well: codes of two axes may be exchanged and read from the other end."""
+    least = min((h.changes for h in good if h.changes), default=0)
+    if not least:
+        return good
+    return [h for h in good if h.changes in (0, least) and h.kind != "reversed"]
 
 
 def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
@@ -254,11 +282,15 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
         words = f"{a} and {b} ({labels[a]}, {labels[b]}) are swapped"
         yield Hypothesis(Order(tuple(places)), "swapped", words)
     yield from _late(plan.frames, labels)
-    yield Hypothesis(Order(every[::-1]), "reversed", "the last frame comes first, and so on")
+    words, both = "the last frame comes first, and so on", len(plan.axes) > 1
+    yield Hypothesis(Order(every[::-1]), "reversed", words, exchanged=both)
     for k in range(plan.frames - 1 + _next_scan(plan, evidence)):
         words = f"{labels[k]} seems to be lost"
         yield Hypothesis(Order((*every[:k], None, *every[k:-1])), "lost", words)
     yield from _codes(plan)
+    for other in orders_of_other_programs(plan):
+        order = Order(other.places, inverted=other.inverted)
+        yield Hypothesis(order, "order", other.words, other.advice, other.changes, other.exchanged)
     for first, block in plan.placed:
         for k in range(first, first + block.frames):
             if isinstance(block, GrayCode) and _empty(evidence, k):
@@ -403,6 +435,26 @@ def _repeated(plan: PatternPlan, evidence: Evidence) -> list[int]:
             for found in evidence.values()
         )
     ]
+
+
+def _refuse_equal(plan: PatternPlan, evidence: Evidence) -> None:
+    """Refuse frames that are equal to an earlier one in every count, which noise never makes.
+
+    A last frame like the first may belong to the next scan, after a frame was lost.
+    """
+    labels, equal = plan.labels(), []
+    for k, j in combinations(range(plan.frames), 2):
+        copied = k + 1 < j < k + plan.frames - 1 and all(
+            f.shows_pattern(k) and np.array_equal(f.lines[k], f.lines[j]) for f in evidence.values()
+        )
+        if copied and REPEATED * _planned_difference(plan, k, j) > SAME:
+            equal.append(f"frame {labels[j]} has the counts of frame {labels[k]}")
+    if equal:
+        more = f", and {len(equal) - MAX_NAMED} more" if len(equal) > MAX_NAMED else ""
+        raise FramesContradictPlan(
+            f"{'; '.join(equal[:MAX_NAMED])}{more}; expected another pattern (a file was copied, "
+            "or a frame was taken twice)"
+        )
 
 
 def _repeats_in_words(plan: PatternPlan, frame: int) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import step_design
-from fringeworks.types import LARGEST, NUMBERS, FloatMap, InputError, finite
+from fringeworks.types import LARGEST, NUMBERS, FloatMap, InputError, finite, unmasked
 
 MAX_ITERATIONS = 500
 """Largest number of iterations; most searches converge after tens of them. An empirical choice."""
@@ -76,8 +76,9 @@ def estimate_shifts(samples: FloatMap, shifts_rad: Sequence[float]) -> NDArray[n
     >>> bool(np.allclose(shifts - shifts[0], real, atol=1e-6))
     True
     """
-    if np.asarray(samples).dtype.kind not in NUMBERS:
-        raise InputError(f"samples: expected real numbers, got {np.asarray(samples).dtype}")
+    samples = unmasked(samples, "samples")
+    if samples.dtype.kind not in NUMBERS:
+        raise InputError(f"samples: expected real numbers, got {samples.dtype}")
     values = np.asarray(samples, np.float64)
     nominal = np.asarray(shifts_rad, np.float64)
     if nominal.ndim != 1 or nominal.size < 3:

@@ -18,6 +18,7 @@ from fringeworks.types import (
     FloatMap,
     Frozen,
     InputError,
+    unmasked,
     whole,
 )
 
@@ -312,9 +313,10 @@ def _radius_sigma(
 def _checked(points_mm: FloatMap, body: str) -> tuple[FloatMap, FormGeometry]:
     if body not in GEOMETRIES:
         raise InputError(f"fit: expected one of {', '.join(GEOMETRIES)}, got {body!r}")
-    if np.asarray(points_mm).dtype.kind not in NUMBERS:
-        raise InputError(f"points: expected real numbers, got {np.asarray(points_mm).dtype}")
-    points = np.asarray(points_mm, np.float64)
+    given = unmasked(points_mm, "points")
+    if given.dtype.kind not in NUMBERS:
+        raise InputError(f"points: expected real numbers, got {given.dtype}")
+    points = given.astype(np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or not _bounded(points):
         raise InputError(f"points: expected finite (n, 3), got shape {points.shape}")
     if len(points) < MIN_POINTS:
@@ -331,7 +333,7 @@ def _weights(sigma_mm: FloatMap | None, n: int) -> FloatMap:
     """Factors of the distances, (n,): the median σ over each point's σ."""
     if sigma_mm is None:
         return np.ones(n)
-    sigma = np.asarray(sigma_mm, np.float64)
+    sigma = unmasked(sigma_mm, "sigma").astype(np.float64)
     if sigma.shape != (n,) or not ((sigma >= 1 / LARGEST) & (sigma <= LARGEST)).all():
         raise InputError(f"sigma: expected {n} values > 0, got shape {sigma.shape}")
     return np.asarray(np.median(sigma) / sigma)

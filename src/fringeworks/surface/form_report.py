@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.surface.form import DISCARDED, MIN_POINTS, Form, fit_form
-from fringeworks.types import FloatMap, InputError, whole
+from fringeworks.types import FloatMap, InputError, unmasked, whole
 
 MOST_SPHERES = 1000
 """Largest number of spheres that are looked for. Artefacts have up to some tens."""
@@ -44,7 +44,7 @@ def find_spheres(
     ------
     InputError where fewer spheres are found.
     """
-    points = np.asarray(points_mm, np.float64)
+    points = unmasked(points_mm, "points").astype(np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"fit: expected points (n, 3), got shape {points.shape}")
     if sigma_mm is not None and np.shape(sigma_mm) != (len(points),):

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from fringeworks.types.arrays import FloatMap
-from fringeworks.types.checks import MOST_PX, finite, positive
+from fringeworks.types.checks import MOST_PX, finite, positive, unmasked
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
 
@@ -43,7 +43,7 @@ class LensField(Frozen):
 
     def __post_init__(self) -> None:
         for name in ("control_px", "sigma_px"):
-            object.__setattr__(self, name, np.asarray(getattr(self, name), np.float64))
+            object.__setattr__(self, name, unmasked(getattr(self, name), name).astype(np.float64))
         super().__post_init__()
         if not (finite(*self.first_px, *self.step_px) and positive(*self.step_px)):
             raise InputError(

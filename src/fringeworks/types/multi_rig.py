@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks.types.arrays import FloatMap
+from fringeworks.types.checks import unmasked
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.provenance import Provenance
@@ -86,7 +87,7 @@ class MultiRig(Frozen):
         for name in ("T_projector_camera", "T_camera_first", "covariance"):
             value = getattr(self, name)
             if value is not None:
-                object.__setattr__(self, name, np.asarray(value, np.float64))
+                object.__setattr__(self, name, unmasked(value, name).astype(np.float64))
         super().__post_init__()
         n = len(self.cameras)
         if n < 1:

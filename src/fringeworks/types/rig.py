@@ -9,7 +9,7 @@ import numpy as np
 from fringeworks.types.arrays import FloatMap
 from fringeworks.types.camera import Region
 from fringeworks.types.camera_blur import CameraBlur
-from fringeworks.types.checks import MOST_PX, finite, positive, whole
+from fringeworks.types.checks import MOST_PX, finite, positive, unmasked, whole
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.lens_field import LensField
@@ -101,7 +101,7 @@ class Rig(Frozen):
         for name in ("T_projector_camera", "covariance"):
             value = getattr(self, name)
             if value is not None:
-                object.__setattr__(self, name, np.asarray(value, np.float64))
+                object.__setattr__(self, name, unmasked(value, name).astype(np.float64))
         super().__post_init__()
         pose = self.T_projector_camera
         if pose.shape != (4, 4) or not finite(*pose.ravel()):

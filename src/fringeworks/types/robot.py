@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from fringeworks.types.arrays import FloatMap
-from fringeworks.types.checks import finite
+from fringeworks.types.checks import finite, unmasked
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
 
@@ -56,7 +56,7 @@ def check_pose_covariance(covariance: FloatMap | None, name: str) -> FloatMap | 
 
 def _numbers(values: object, shape: tuple[int, int]) -> FloatMap | None:
     """Values in double precision; None for another shape, other types, and without a limit."""
-    found = np.asarray(values)
+    found = unmasked(values, "transform")
     if found.dtype.kind not in "fiu" or found.shape != shape or not np.isfinite(found).all():
         return None
     return found.astype(np.float64)

@@ -16,7 +16,7 @@ from fringeworks.pair.lattice import lattice_samples, samples_inside, shift_wave
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Smoothing, Solution, method
 from fringeworks.pair.ridge import CURVATURE_SMOOTHING, blend, curvature, strongest, window_factor
-from fringeworks.types import LARGEST, FloatMap, InputError, finite, positive, whole
+from fringeworks.types import LARGEST, FloatMap, InputError, finite, positive, unmasked, whole
 
 OMEGA = 6.0
 """Default ω₀ of the Morlet wavelet; its envelope is ω₀/ω px wide at the frequency ω rad/px.
@@ -178,7 +178,7 @@ def wavelet_ridge(
     >>> bool(abs(np.angle(phasor[0, 100])) < 1e-3), round(float(abs(phasor[0, 100])), 2)
     (True, 3.0)
     """
-    values = np.asarray(frame)
+    values = unmasked(frame, "frame")
     if values.ndim != 2 or values.size == 0:
         raise InputError(
             f"frame: expected shape (h, w) with at least one pixel, got {values.shape}"

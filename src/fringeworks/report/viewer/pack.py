@@ -30,6 +30,7 @@ from fringeworks.types import (
     Reason,
     Rig,
     TriangleMesh,
+    unmasked,
 )
 
 MAGIC = b"FWSURF2\n"
@@ -176,7 +177,7 @@ class _Added:
 
 def _part(name: str, values: FloatMap, result: object, every: int) -> FloatMap:
     """The used pixels of a map that belongs to a result."""
-    part = np.asarray(values)
+    part = unmasked(values, name)
     while isinstance(result, Measurement | Reconstruction):
         result = result.points if isinstance(result, Measurement) else result.surface
     shape = getattr(result, "reason", np.empty(0)).shape

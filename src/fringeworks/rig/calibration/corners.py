@@ -13,7 +13,7 @@ from fringeworks.rig.calibration.chessboard import chessboard_view
 from fringeworks.rig.calibration.circles import circles_view
 from fringeworks.rig.calibration.outliers import mapped, off_board
 from fringeworks.rig.calibration.saddle import CORNER_WINDOW, MIN_CONTRAST, fit_saddles
-from fringeworks.types import BoardNotFound, FloatMap, InputError
+from fringeworks.types import BoardNotFound, FloatMap, InputError, unmasked
 from fringeworks.types.packages import cv2, need_opencv
 
 MARKER_GAP = 0.4
@@ -46,7 +46,7 @@ def find_board(image: NDArray[Any], board: Board) -> BoardView:
     after perspective is corrected.
     """
     need_opencv("finding a board")
-    photograph = np.asarray(image)
+    photograph = unmasked(image, "image")
     if photograph.ndim != 2 or photograph.dtype.kind not in "uif":
         raise InputError(f"image: expected a grey (h, w) array, got shape {photograph.shape}")
     if board.kind == "chessboard":

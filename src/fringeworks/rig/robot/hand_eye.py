@@ -29,6 +29,7 @@ from fringeworks.types import (
     RobotFrame,
     RobotNoise,
     check_rigid,
+    unmasked,
 )
 
 
@@ -135,7 +136,11 @@ def hand_eye_of(
 def _poses(given: Any) -> RobotPoses | FloatMap:
     if isinstance(given, RobotPoses):
         return given
-    T = np.asarray(given, np.float64) if not isinstance(given, str) else np.empty(0)
+    T = (
+        unmasked(given, "robot_poses").astype(np.float64)
+        if not isinstance(given, str)
+        else np.empty(0)
+    )
     if T.ndim != 3:
         raise InputError(
             "robot_poses: expected RobotPoses, or transforms T_base_flange (n, 4, 4), got "

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from fringeworks.rig.pinhole import rotation
-from fringeworks.types import FloatMap, Frozen, InputError
+from fringeworks.types import FloatMap, Frozen, InputError, unmasked
 
 RotationKind = Literal[
     "vector", "fixed-xyz", "zyx", "xyz", "zyz", "wxyz", "xyzw", "rows", "columns"
@@ -211,7 +211,7 @@ class RobotPoses(Frozen):
     """Readings that the numbers allow; more than one where the file does not say enough."""
 
     def __post_init__(self) -> None:
-        values = np.asarray(self.values)
+        values = unmasked(self.values, "robot poses")
         real = values.dtype.kind in "fiu" and np.isfinite(values).all()
         if values.ndim != 2 or values.shape[1] not in SHAPES or not len(values) or not real:
             raise InputError(
@@ -288,9 +288,11 @@ def robot_poses(values: Any, poses_as: str = "", *, names: Iterable[str] = ()) -
     [600.0, 0.0, 400.0]
     """
     try:
-        numbers = np.asarray(values)
+        numbers = unmasked(values, "robot poses")
         if numbers.dtype.kind not in "fiu":
             raise TypeError
+    except InputError:
+        raise
     except (TypeError, ValueError) as error:
         raise InputError(f"robot poses: expected numbers, got {type(values).__name__}") from error
     if numbers.ndim == 3 and numbers.shape[1:] == (4, 4):

@@ -1,0 +1,273 @@
+"""Files, arrays and orders of frames as other programs write them."""
+
+from __future__ import annotations
+
+import codecs
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+import fringeworks as fw
+from fringeworks.patterns.plan import (
+    Block,
+    GrayCode,
+    PatternPlan,
+    PhaseSteps,
+    Uniform,
+    equal_steps,
+)
+from tests.hostile_calls import calls
+
+SIZE = (400, 300)
+ROWS, COLUMNS = np.mgrid[:150, :200]
+COLUMN = COLUMNS * 1.6 + 20.0 + 8.0 * np.exp(-((COLUMNS - 100) ** 2 + (ROWS - 75) ** 2) / 900)
+ROW = ROWS * 1.6 + 20.0
+SETS = PatternPlan(*SIZE, tuple(PhaseSteps("x", p, equal_steps(4)) for p in (25.0, 400.0)))
+
+
+def seen(plan, seed=0):
+    """Frames of a painted bump in noise."""
+    rng = np.random.default_rng(seed)
+    paint = 0.6 + 0.4 * np.sin(COLUMNS / 17) * np.cos(ROWS / 13)
+    frames = []
+    for block in plan.blocks:
+        at = ROW if getattr(block, "axis", "x") == "y" else COLUMN
+        for k in range(block.frames):
+            light = 15 + paint * (20 + 160 * block.values(at, k))
+            noisy = light + 1.5 * rng.standard_normal(light.shape)
+            frames.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+    return frames
+
+
+def save(folder, frames, names=None, write=None, plan=SETS):
+    folder.mkdir()
+    for k, frame in enumerate(frames):
+        path = folder / (names[k] if names else f"{k + 1}.png")
+        if write is None:
+            Image.fromarray(frame).save(path)
+        else:
+            write(path, frame)
+    fw.files.write_plan(folder / "plan.toml", plan)
+    return folder
+
+
+def assert_right(folder):
+    found = fw.decode(folder).x
+    error = found.coordinate_px - COLUMN
+    assert np.isfinite(error).mean() > 0.99
+    assert np.nanstd(error) < 0.13
+    return found
+
+
+def zstandard(path, frame):
+    Image.fromarray(frame).save(path, format="TIFF", compression="zstd")
+
+
+def planes(path, frame):
+    colour = np.stack([frame] * 3)
+    tifffile.imwrite(path, colour, photometric="rgb", planarconfig="separate")
+
+
+@pytest.mark.parametrize(
+    ("suffix", "write"),
+    [
+        (".TIF", zstandard),
+        (".tiff", planes),
+        (".tif", lambda path, frame: tifffile.imwrite(path, frame.astype(np.uint32))),
+        (".tif", lambda path, frame: tifffile.imwrite(path, (frame / 255.0).astype(np.float16))),
+        (".tif", lambda path, frame: Image.fromarray(frame).save(path, format="PNG")),
+        (".png", lambda path, frame: Image.fromarray(frame).save(path, format="TIFF")),
+    ],
+    ids=["zstd", "planes", "uint32", "float16", "png as tif", "tif as png"],
+)
+def test_images_of_other_programs(tmp_path, suffix, write):
+    names = [f"Bild ü ({k}){suffix}" for k in range(8)]
+    assert_right(save(tmp_path / "größe", seen(SETS), names, write))
+
+
+def test_colours_of_print_are_refused(tmp_path):
+    def cmyk(path, frame):
+        Image.fromarray(frame).convert("CMYK").save(path)
+
+    folder = save(tmp_path / "print", seen(SETS), [f"{k}.tif" for k in range(8)], cmyk)
+    with pytest.raises(fw.FileProblem, match="colours of print"):
+        fw.decode(folder)
+
+
+@pytest.mark.parametrize(
+    "encoded",
+    [
+        lambda text: text.encode("utf-16-le"),
+        lambda text: text.encode("utf-16-be"),
+        lambda text: codecs.BOM_UTF32_LE + text.encode("utf-32-le"),
+    ],
+    ids=["16 le", "16 be", "32 le"],
+)
+def test_encodings_without_a_mark_are_read(tmp_path, encoded):
+    path = fw.files.write_plan(tmp_path / "plan.toml", SETS)
+    path.write_bytes(encoded(path.read_text()))
+    assert fw.files.read_plan(path) == SETS
+
+
+def test_code_pages_are_refused(tmp_path):
+    path = fw.files.write_plan(tmp_path / "plan.toml", SETS)
+    path.write_bytes("# größe\n".encode("cp1252") + path.read_bytes())
+    with pytest.raises(fw.FileProblem, match="save the file as UTF-8"):
+        fw.files.read_plan(path)
+
+
+@pytest.mark.parametrize("last", [255, 4095, 999])
+def test_counters_that_wrap(tmp_path, last):
+    numbers = [last - 2, last - 1, last, 0, 1, 2, 3, 4]
+    found = fw.decode(save(tmp_path / "f", seen(SETS), [f"f{n:03d}.png" for n in numbers]))
+    assert np.isfinite(found.x.coordinate_px).mean() > 0.99
+    assert any("wrap" in f.seen for f in found.findings)
+
+
+def test_a_copy_among_the_images_is_named(tmp_path):
+    folder = save(tmp_path / "f", seen(SETS))
+    Image.fromarray(seen(SETS)[2]).save(folder / "9.png")
+    with pytest.raises(fw.InputError, match=r"9\.png is a copy of 3\.png"):
+        fw.decode(folder)
+    Image.fromarray(seen(SETS, 1)[2]).save(folder / "9.png")
+    with pytest.raises(fw.InputError, match="list the frames as frames"):
+        fw.decode(folder)
+
+
+def test_what_lies_above_or_inside_a_capture_is_named(tmp_path):
+    (tmp_path / "day").mkdir()
+    folder = save(tmp_path / "day" / "pose0", seen(SETS))
+    for given, words in (
+        (tmp_path, "it holds captures: day/pose0"),
+        (folder / "plan.toml", "give its folder"),
+        (folder / "3.png", "give its folder"),
+    ):
+        with pytest.raises(fw.FileProblem, match=words):
+            fw.decode(given)
+
+
+def test_arrays_and_videos_in_place_of_images(tmp_path):
+    folder = save(tmp_path / "a", seen(SETS), [f"{k}.npy" for k in range(8)], np.save)
+    with pytest.raises(fw.FileProblem, match=r"got 8 \.npy files; give one file that holds all"):
+        fw.decode(folder)
+    (tmp_path / "v").mkdir()
+    fw.files.write_plan(tmp_path / "v" / "plan.toml", SETS)
+    for k in range(2):
+        (tmp_path / "v" / f"{k}.mp4").write_bytes(b"none")
+    with pytest.raises(fw.FileProblem, match=r"got 2 \.mp4 files; a capture is one video"):
+        fw.decode(tmp_path / "v")
+
+
+def masked(array):
+    mask = np.zeros(array.shape, bool)
+    mask.flat[array.size // 3] = True
+    return np.ma.array(array, mask=mask)
+
+
+MASKS_USED = {("unwrap", "phase_rad")}
+LISTS = {("wavelet_ridge", "frequencies"), ("crop_cloud", "box_mm"), ("gauge_study", "parts")}
+"""Arguments that are lists rather than measured maps."""
+POSES = {("turntable_axis", "poses")}
+"""Matrices; a mask has no meaning in them."""
+
+
+@pytest.mark.parametrize("call", [c for c in calls() if not c.slow], ids=lambda call: call.name)
+def test_masks_count_in_every_public_function(call):
+    for key, value in call.arguments.items():
+        real = isinstance(value, np.ndarray) and value.size > 3 and value.dtype.kind in "uif"
+        if not real or (call.name, key) in MASKS_USED | LISTS | POSES:
+            continue
+        with pytest.raises(fw.InputError):
+            call.function(**{**call.arguments, key: masked(value)})
+
+
+CODES = PatternPlan(*SIZE, tuple(GrayCode(a, 4.0, n) for a, n in zip("xy", SIZE, strict=True)))
+PAIRS = PatternPlan(
+    *SIZE,
+    (
+        *(GrayCode(a, 2.0, n, True) for a, n in zip("xy", SIZE, strict=True)),
+        Uniform("white"),
+        Uniform("black"),
+    ),
+)
+BOTH: tuple[Block, ...] = tuple(
+    block
+    for axis, n in zip("xy", SIZE, strict=True)
+    for block in (PhaseSteps(axis, 25.0, equal_steps(4)), GrayCode(axis, 25.0, n))  # type: ignore[arg-type]
+)
+MIXED = PatternPlan(*SIZE, BOTH)
+
+
+def parts(plan):
+    """The frames of every block."""
+    frames, out = seen(plan), []
+    for block in plan.blocks:
+        out.append(frames[: block.frames])
+        frames = frames[block.frames :]
+    return out
+
+
+def codes_last_bit_first(x, y):
+    return x[::-1] + y[::-1]
+
+
+def codes_last_first_inverted(x, y):
+    return [200 - f for f in codes_last_bit_first(x, y)]
+
+
+def bits_in_turn(x, y):
+    return [f for pair in zip(x, y, strict=True) for f in pair]
+
+
+def pairs_last_bit_first(x, y, white, black):
+    turned = [c[k + j] for c in (x, y) for k in range(len(c) - 2, -1, -2) for j in (0, 1)]
+    return turned + white + black
+
+
+def inverses_after_all(x, y, white, black):
+    return x[::2] + x[1::2] + y[::2] + y[1::2] + white + black
+
+
+def inverse_first(x, y, white, black):
+    return [c[k ^ 1] for c in (x, y) for k in range(len(c))] + white + black
+
+
+def fringes_first(fx, gx, fy, gy):
+    return fx + fy + gx + gy
+
+
+def codes_first(fx, gx, fy, gy):
+    return gx + fx + gy + fy
+
+
+@pytest.mark.parametrize(
+    ("plan", "order", "words"),
+    [
+        (CODES, codes_last_bit_first, "the Gray codes begin with the least significant bit"),
+        (CODES, codes_last_first_inverted, "bit and the Gray codes are inverted, light for dark"),
+        (CODES, bits_in_turn, "the frames show bits of both axes in turn"),
+        (PAIRS, pairs_last_bit_first, "the Gray codes begin with the least significant bit"),
+        (PAIRS, inverses_after_all, "the inverses of the Gray codes come after all bits"),
+        (PAIRS, inverse_first, "the Gray codes are inverted, light for dark"),
+        (MIXED, fringes_first, "fringes along x, fringes along y, Gray code along x, Gray code"),
+        (MIXED, codes_first, "Gray code along x, fringes along x, Gray code along y, fringes"),
+    ],
+    ids=[str(k) for k in range(8)],
+)
+def test_orders_of_other_programs_are_named(plan, order, words):
+    with pytest.raises(fw.FramesContradictPlan) as error:
+        fw.decode(order(*parts(plan)), plan)
+    said = str(error.value)
+    assert words in said, said
+    assert "swapped" not in said, said
+
+
+def test_a_frame_that_is_a_copy_of_an_earlier_one_is_named():
+    frames = seen(SETS)
+    frames[5] = frames[1]
+    with pytest.raises(
+        fw.FramesContradictPlan, match="x-phase-400px-1 has the counts of frame x-p"
+    ):
+        fw.decode(frames, SETS)

@@ -19,6 +19,7 @@ from fringeworks.simulate.scene import standard_scene
 from fringeworks.simulate.standard import bust, fringe_plan
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.studio.places import STEPS, Place
+from fringeworks.studio.slim import OF_PARTS
 from tests import browser
 from tests.axe import overflow, violations
 from tests.studio_page import Running, Visitor
@@ -26,9 +27,10 @@ from tests.studio_page import Running, Visitor
 pytestmark = pytest.mark.system
 
 chromium = browser.chromium
+CLASSES = "[...new Set([...document.querySelectorAll('*')].flatMap((e) => [...e.classList]))]"
 LIST = ".fw-list [role=option]"
-FIRST_BYTES = 325_000
-"""Most that the first page loads, bytes: NiceGUI with Vue and Quasar are 305 000 of them."""
+FIRST_BYTES = 300_000
+"""Most that the first page loads, bytes: NiceGUI with Vue and Quasar are 270 000 of them."""
 SETUP = """
 plan = "setup.plan.toml"
 predicted_sigma_px = 0.03
@@ -182,6 +184,9 @@ def test_axe_finds_nothing(opened, dark):
     for step in STEPS:
         ready(visitor, step.capitalize())
         found[step] = violations(visitor.page)
+        # Their styles are left out.
+        used = visitor.page.evaluate(CLASSES)
+        assert not [name for name in used if OF_PARTS.match(f".{name}")], step
     assert not {step: lines for step, lines in found.items() if lines}
 
 

@@ -26,9 +26,18 @@ from fringeworks.studio.actions import (
 from fringeworks.studio.bench import Bench
 from fringeworks.studio.part_actions import Deviate, InspectAll, WriteMesh
 from fringeworks.studio.recipes import RecipeKeeper, as_shown
+from fringeworks.studio.series_actions import (
+    Certify,
+    ChartChecks,
+    RunBatch,
+    StudyGauge,
+    WatchRig,
+    listed_positions,
+)
 from fringeworks.studio.session import Session, Shown
 from fringeworks.studio.tour import PART, Tour, begin_tour
 from fringeworks.studio.trash import Entry
+from fringeworks.studio.workspace import CHECKS
 from fringeworks.types import FileProblem, InputError
 
 StepState = Literal["to do", "running", "good", "look here"]
@@ -60,6 +69,8 @@ class Studio(Bench):
         """The virtual part that is measured, or was measured last."""
         self.verdict: dict[str, Any] = {}
         """What the last calibration said."""
+        self.batch: dict[str, Any] = {}
+        """What the last batch said."""
         self._sessions: dict[str, Session] = {}
         self._numbers = itertools.count(1)
         self._packed = Path(tempfile.mkdtemp(prefix="fringeworks-studio-"))
@@ -261,6 +272,81 @@ class Studio(Bench):
         job = self._calculate(session, "judging all", InspectAll(tuple(names)), len(names))
         job.when_done(lambda: self._note_verdicts(job.result))
         return job
+
+    def run_batch(
+        self, session: Session, folder: str, recipe: str, name: str, *, resume: bool
+    ) -> Job:
+        """Measure and judge all captures of a folder by a recipe.
+
+        Raises
+        ------
+        InputError for a folder without captures, a recipe that is not there, and a name that is
+        taken by a batch that is not resumed.
+        """
+        space = self.workspace
+        if folder not in space.folders_of_captures():
+            raise InputError("There is no capture in this folder: scan parts first.")
+        if recipe not in space.of_kind("recipe"):
+            raise InputError(
+                "There is no recipe: draw areas and add tolerances in Look, which writes one."
+            )
+        if space.new(name).exists() and not resume:
+            raise InputError(f"The folder has {name!r} already: choose another name, or resume it.")
+        action = RunBatch(folder, recipe, name, resume)
+        parts = sum(one.rpartition("/")[0] == folder.strip(".") for one in space.captures())
+        job = self._calculate(session, f"batch {name}", action, 2 * parts + 1)
+        job.when_done(lambda: self._note_batch(job.result))
+        return job
+
+    def _note_batch(self, result: dict[str, Any]) -> None:
+        self.batch = result
+        inside = "" if result["folder"] == "." else f"{result['folder']}/"
+        self._note_verdicts({inside + row["part"]: row["verdict"] for row in result["rows"]})
+
+    def list_positions(self, session: Session, test: str) -> Job:
+        """List where the artefacts of an acceptance test are to be scanned."""
+        self._there(test, self.workspace.of_kind("acceptance-test"), "an acceptance test")
+        given = self.workspace, test
+        return self._compute(session, "positions of the test", listed_positions, *given)
+
+    def certify(self, session: Session, test: str, suffix: str = ".html") -> Job:
+        """Test the scanner by scans of artefacts, and write the certificate."""
+        self._there(test, self.workspace.of_kind("acceptance-test"), "an acceptance test")
+        return self._prove(session, "certificate", "certificate", Certify, test, suffix=suffix)
+
+    def study(
+        self, session: Session, table: str, quantity: str, width: float | None, reference: str
+    ) -> Job:
+        """Judge the gauge by a table of trials."""
+        self._there(table, self.workspace.tables(), "a table (CSV)")
+        if not quantity:
+            raise InputError("Column of the values: expected a name, got none")
+        given = table, quantity, width, reference
+        return self._prove(session, "gauge study", "study", StudyGauge, *given)
+
+    def watch_rig(self, session: Session, captures: list[str]) -> Job:
+        """Watch by scans of parts whether the rig has moved."""
+        self._needs(self.workspace.rig, "calibrate first")
+        stacks = [name for name in captures if tasks.is_stack(self.workspace.inside(name))]
+        if not stacks:
+            raise InputError("There is no scan with the frames of a plan: scan parts first.")
+        return self._prove(session, "watching the rig", "rig-watch", WatchRig, tuple(stacks))
+
+    def chart_checks(self, session: Session) -> Job:
+        """Chart all checks of the rig."""
+        self._needs(self.workspace.root / CHECKS, "check the rig in Calibrate first")
+        return self._prove(session, "charting the checks", "rig-history", ChartChecks)
+
+    def _prove(
+        self, session: Session, work: str, name: str, kind: Any, *given: Any, suffix: str = ".html"
+    ) -> Job:
+        """Begin what writes a report of a free name."""
+        report = f"{self.workspace.free(name, suffix)}{suffix}"
+        return self._calculate(session, work, kind(*given, report))
+
+    def _there(self, name: str, names: list[str], what: str) -> None:
+        if name not in names:
+            raise InputError(f"{name or 'file'}: expected {what} in the folder, got none")
 
     def _note_verdicts(self, found: dict[str, str]) -> None:
         for name, verdict in found.items():

@@ -152,7 +152,7 @@ def test_a_surface_has_an_address(opened, studio):
 
 def areas(visitor):
     visitor.page.locator("summary", has_text="Areas and tolerances").click()
-    visitor.page.wait_for_function("document.querySelector('.fw-live img')?.naturalWidth > 0")
+    visitor.page.wait_for_function("document.querySelector('.fw-picture img')?.naturalWidth > 0")
     visitor.page.get_by_text("drawing the picture").first.wait_for(state="hidden")
 
 

@@ -227,7 +227,26 @@ def test_a_rig_is_watched(entered):
     assert not visitor.complaints
 
 
-@pytest.mark.parametrize("path", ["/batch", "/certify"])
+@pytest.mark.timeout(400)
+def test_views_are_merged_by_steps(entered):
+    """Two scans of one bust lie on each other: their shape says so."""
+    visitor = entered("/scan")
+    page = visitor.page
+    page.locator("summary", has_text="Merge views").click()
+    page.get_by_label("Views", exact=True).first.click()
+    for name in ("line/part-01", "line/part-02"):
+        page.get_by_role("option", name=name).click()
+    page.keyboard.press("Escape")
+    page.get_by_text("neighbouring views overlap").click()
+    visitor.click("Merge the views")
+    page.wait_for_url("**/look/merged.ply", timeout=120_000)
+    assert visitor.surface() > 30_000
+    assert not visitor.complaints
+    visitor.step("Export")
+    visitor.sees("fringeworks merge line/part-01.npz line/part-02.npz --poses shape")
+
+
+@pytest.mark.parametrize("path", ["/batch", "/certify", "/scan"])
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 def test_pages_are_narrow_and_accessible(entered, path, dark):
     visitor = entered(path, width=390, dark=dark)

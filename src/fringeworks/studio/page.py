@@ -49,7 +49,7 @@ ROOM = resources.files("fringeworks.studio")
 """Where the style and the script of the page lie."""
 STYLE, SCRIPT = (ROOM.joinpath(f"studio.{kind}").read_text("utf-8") for kind in ("css", "js"))
 """Style and script of the page; the viewer has its own."""
-MODULES = {name: ROOM.joinpath(f"{name}.js").read_text("utf-8") for name in ("parts",)}
+MODULES = {name: ROOM.joinpath(f"{name}.js").read_text("utf-8") for name in ("areas", "parts")}
 """Scripts that steps load when they need them."""
 HEAD = """
 <meta name="description" content="fringeworks studio">

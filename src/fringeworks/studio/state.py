@@ -24,6 +24,7 @@ from fringeworks.studio.actions import (
     perform,
 )
 from fringeworks.studio.bench import Bench
+from fringeworks.studio.camera_actions import CalibrateCameras, MeasureCameras
 from fringeworks.studio.part_actions import Deviate, InspectAll, WriteMesh
 from fringeworks.studio.recipes import RecipeKeeper, as_shown
 from fringeworks.studio.series_actions import (
@@ -152,20 +153,45 @@ class Studio(Bench):
         return self._calculate(session, "calibrating", Calibrate(self.board), len(poses) + 1)
 
     def merge_views(
-        self, session: Session, captures: list[str], board: str, step_deg: float, name: str
+        self,
+        session: Session,
+        captures: list[str],
+        board: str,
+        step_deg: float,
+        name: str,
+        *,
+        beside: bool = False,
     ) -> Job:
-        """Measure and merge the views of a part on a turntable; ``board`` may be empty."""
+        """Measure and merge the views of a part; ``board`` may be empty, ``beside`` as there."""
         if not self.workspace.rig.is_file():
             raise InputError("There is no rig: calibrate first.")
         if len(captures) < 2:
             raise InputError("Expected two views or more: take a series of scans first.")
-        if board and not step_deg:
+        if beside and not board:
+            raise InputError("Board: expected its short form, such as chessboard:11x8:12, got none")
+        if board and not step_deg and not beside:
             raise InputError("Turntable step: expected degrees, got 0.")
         for capture in captures:
             self.workspace.inside(capture)
         name = self.workspace.free(name, ".ply")
-        action = MergeViews(tuple(captures), board, step_deg, name)
+        action = MergeViews(tuple(captures), board, step_deg, name, beside)
         return self._calculate(session, "merging", action, 2 * len(captures))
+
+    def calibrate_cameras(self, session: Session, folders: list[str], board: str) -> Job:
+        """Calibrate two cameras or more by poses of a board, a folder of them for each camera."""
+        known = self.workspace.folders_of_captures()
+        if len(folders) < 2 or not set(folders) <= set(known):
+            raise InputError("Poses: expected a folder of captures for each of two cameras or more")
+        action = CalibrateCameras(tuple(folders), board)
+        return self._calculate(session, "calibrating the cameras", action)
+
+    def measure_cameras(self, session: Session, captures: list[str], name: str) -> Job:
+        """Measure a part that several cameras saw, a capture for each in the order of the rig."""
+        self._needs(self.workspace.cameras, "calibrate the cameras first")
+        if len(captures) < 2 or not set(captures) <= set(self.workspace.captures()):
+            raise InputError("Captures: expected one for each camera, in the order of the rig")
+        action = MeasureCameras(tuple(captures), self.workspace.free(name, ".ply"))
+        return self._calculate(session, "measuring with the cameras", action)
 
     def look(self, session: Session, source: str, method: str, options: dict[str, Any]) -> Job:
         """Compute a surface, and show it; the one before is kept for comparison."""

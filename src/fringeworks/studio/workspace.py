@@ -38,6 +38,7 @@ RESERVED = (
     "setup.png",
     "rig.toml",
     "rig.png",
+    "cameras.toml",
     "recipe.toml",
     "board",
     "dissertation",
@@ -81,6 +82,11 @@ class Workspace:
     def rig(self) -> Path:
         """The rig file."""
         return self.root / "rig.toml"
+
+    @property
+    def cameras(self) -> Path:
+        """The rig file of several cameras."""
+        return self.root / "cameras.toml"
 
     @property
     def recipe(self) -> Path:

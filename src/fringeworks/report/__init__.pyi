@@ -3,7 +3,7 @@
 from .summary import (
     summarise as summarise,
 )
-from .cite import (
+from .citations import (
     cite as cite,
 )
 from .tables import (

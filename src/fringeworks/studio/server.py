@@ -108,6 +108,7 @@ def studio_app(studio: Studio, port: int = PORT) -> FastAPI:
 def _add_files(api: FastAPI, studio: Studio) -> None:
     """Register what pages load: scripts and styles, surfaces, pictures, and files of the folder."""
     _add_texts(api)
+    _add_reports(api, studio)
 
     @api.get("/thumb/{name:path}")
     def _thumb(name: str) -> Response:
@@ -134,6 +135,19 @@ def _add_files(api: FastAPI, studio: Studio) -> None:
         cloud = job.latest.get("cloud", {}) if job else {}
         return Response(cloud.get("data", b""), media_type="application/octet-stream")
 
+    @api.get("/file/{name:path}")
+    def _download(name: str) -> Response:
+        try:
+            return _file(studio.workspace.inside(name), download=True)
+        except FileProblem as problem:
+            return PlainTextResponse(str(problem), status_code=403)
+        except (OSError, ValueError):
+            return PlainTextResponse("There is no such file.", status_code=404)
+
+
+def _add_reports(api: FastAPI, studio: Studio) -> None:
+    """Register the reports of the folder, which anybody may have written."""
+
     @api.get("/report/{name:path}")
     def _report(name: str) -> Response:
         # A page of the folder may hold anything: it runs as if it came from nowhere.
@@ -146,15 +160,6 @@ def _add_files(api: FastAPI, studio: Studio) -> None:
         answer = _file(path)
         answer.headers["content-security-policy"] = ALONE
         return answer
-
-    @api.get("/file/{name:path}")
-    def _download(name: str) -> Response:
-        try:
-            return _file(studio.workspace.inside(name), download=True)
-        except FileProblem as problem:
-            return PlainTextResponse(str(problem), status_code=403)
-        except (OSError, ValueError):
-            return PlainTextResponse("There is no such file.", status_code=404)
 
 
 def _add_texts(api: FastAPI) -> None:

@@ -80,7 +80,7 @@ def _study(step: Step) -> None:
         table = ui.select(tables, value=tables[0], label="Table").classes("fw-wide")
         quantity = ui.input("Column of the values", value="value").classes("fw-field")
         width = number("Width of the tolerance", low=1e-9, high=1e9).classes("fw-field")
-        reference = ui.input("Calibrated value, or its column").classes("fw-field")
+        reference = ui.input("Calibrated value, or its column").classes("fw-wide")
 
         def judge() -> None:
             column, known = (str(field.value or "").strip() for field in (quantity, reference))

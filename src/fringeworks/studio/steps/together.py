@@ -74,9 +74,11 @@ class _Views:
         self._chosen = _several(captures, "Views", taken if len(taken) > 1 else [])
         self._poses = ui.radio(POSES, value="turntable")
         with ui.row().classes("fw-fields"):
-            self._board = ui.input("Board: kind:COLUMNSxROWS:SIZE_MM").classes("fw-wide")
+            self._board = ui.input(
+                "Board: kind:COLUMNSxROWS:SIZE_MM", value=self._studio.board
+            ).classes("fw-wide")
             self._board.bind_visibility_from(self._poses, "value", lambda v: v != "shape")
-            self._turn = number("Step of the table, degrees", low=-180, high=180)
+            self._turn = number("Table step, degrees", low=-180, high=180)
             self._turn.classes("fw-field")
             self._turn.bind_visibility_from(self._poses, "value", lambda v: v == "turntable")
             self._name = ui.input("Name of the part", value="merged").classes("fw-field")

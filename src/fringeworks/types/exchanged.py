@@ -41,8 +41,8 @@ class Arrayed:
         >>> import fringeworks as fw
         >>> scene = fw.simulate.standard_scene("parabola", size=100, fringes=8)
         >>> found = fw.reconstruct(scene, "fourier")
-        >>> np.asarray(found.surface).shape, round(float(np.nanmax(found.surface)))
-        ((100, 100), 50)
+        >>> np.asarray(found.surface).shape
+        (100, 100)
         """
         values: NDArray[Any] = getattr(self, self.main)
         if dtype is not None and values.dtype != dtype:

@@ -384,6 +384,7 @@ def calls() -> list[Call]:
         call("AreaTracker", areas={"a": fw.evaluate.Area(box=(2, 2, 9, 9))}),
         # Reports.
         call("summarise", result=p["cloud"]),
+        call("cite", result=p["map"]),
         call("summarise", result=p["map"]),
         call("summarise", result=wrapped),
         call("format_table", rows=[{"a": 1.0, "b": "x"}], style="text"),

@@ -41,8 +41,8 @@ ROOMS = [
     ["pipeline"],
     ["evaluate", "scan"],
     ["report"],
-    ["showcase", "serving"],
-    ["studio", "batch", "service", "napari"],
+    ["showcase", "serving", "batch"],
+    ["studio", "service", "napari"],
     ["cli"],
 ]
 PLACE = {room: line for line, rooms in enumerate(ROOMS) for room in rooms}

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
+import shlex
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from fringeworks import FileProblem, InputError, measure
-from fringeworks.files import read_multi_rig, read_rig, write_multi_rig
+from fringeworks.files import read_multi_rig, read_points, read_rig, write_multi_rig
 from fringeworks.files.stack import write_stack
 from fringeworks.rig.device_pairs import camera_pair
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body, fringe_plan
+from fringeworks.studio.camera_actions import CalibrateCameras, MeasureCameras
+from fringeworks.studio.workspace import open_workspace
 from tests.cameras import BOARD, facing_poses, small_rig, surfaces, views_of
 from tests.commands import run
 from tests.rigs import board
@@ -89,6 +93,32 @@ def test_measure_takes_a_capture_for_each_camera(capture, tmp_path):
     assert sum(first["difference_histogram"]["share"]) == pytest.approx(1.0)
 
 
+class Told:
+    """A link that keeps what is told."""
+
+    def __init__(self):
+        self.labels = []
+
+    def progress(self, label):
+        self.labels.append(label)
+
+
+def test_the_studio_measures_with_two_cameras(capture, tmp_path):
+    space = open_workspace(tmp_path)
+    for name in ("camera1", "camera2"):
+        shutil.copytree(capture / name, tmp_path / "part" / name)
+    shutil.copy(capture / "rig.toml", space.cameras)
+    shots = ("part/camera1", "part/camera2")
+    action = MeasureCameras(shots, "plane")
+    figures = action.run(Told(), space)
+    assert figures["file"] == "plane.ply"
+    words = shlex.split(action.command(figures).shell)
+    assert words[1:4] == ["measure", *shots]
+    direct = measure([tmp_path / shot for shot in shots], space.cameras).points
+    stored = read_points(tmp_path / "plane.ply")
+    np.testing.assert_array_equal(stored.xyz_mm, direct.xyz_mm.astype(stored.xyz_mm.dtype))
+
+
 def test_captures_that_do_not_belong_to_a_rig_are_refused(capture):
     with pytest.raises(InputError, match="each of the rig's 2 cameras, got 1"):
         measure([capture / "camera1"], capture / "rig.toml")
@@ -115,6 +145,12 @@ def test_calibrate_takes_a_folder_for_each_camera(tmp_path):
     )
     assert "camera 2: 4 poses" in done.stdout
     found = read_multi_rig(out)
+    space = open_workspace(tmp_path)
+    action = CalibrateCameras(("camera1", "camera2"), BOARD)
+    action.run(Told(), space)
+    same = read_multi_rig(space.cameras)
+    np.testing.assert_array_equal(same.T_camera_first, found.T_camera_first)
+    assert action.command(None).shell.startswith("fringeworks calibrate camera1 camera2 --board")
     place = np.linalg.norm(found.T_camera_first[1][:3, 3] - rig.T_camera_first[1][:3, 3])
     assert place < 1.0
     assert found.provenance is not None

@@ -344,7 +344,7 @@ def test_what_a_folder_holds_is_no_code(pages, shared):
     measure(visitor)
     visitor.surface()
     live(visitor, "Areas and tolerances")
-    visitor.page.locator(".fw-live img").first.wait_for()
+    visitor.page.locator(".fw-picture img").first.wait_for()
     visitor.page.get_by_text(hostile).first.wait_for()
     visitor.page.wait_for_timeout(500)
     assert visitor.page.evaluate("window.hit") is None
@@ -353,7 +353,7 @@ def test_what_a_folder_holds_is_no_code(pages, shared):
 
 def drag(visitor, box):
     """Draw a box on the picture."""
-    picture = visitor.page.locator(".fw-live img").first
+    picture = visitor.page.locator(".fw-picture img").first
     picture.scroll_into_view_if_needed()
     at = picture.bounding_box()
     for n, (x, y) in enumerate((box[:2], box[2:])):
@@ -366,7 +366,9 @@ def test_areas_are_drawn_and_parts_judged(pages, shared):
     measure(visitor)
     visitor.surface()
     live(visitor, "Areas and tolerances")
-    visitor.page.wait_for_function("document.querySelector('.fw-live img')?.naturalWidth === 200")
+    visitor.page.wait_for_function(
+        "document.querySelector('.fw-picture img')?.naturalWidth === 200"
+    )
     # The progress above the picture goes away when it is drawn, and the picture moves up.
     visitor.page.get_by_text("drawing the picture").first.wait_for(state="hidden")
     visitor.page.wait_for_timeout(1000)

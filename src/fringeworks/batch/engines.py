@@ -53,6 +53,16 @@ class Engine(Protocol):
         ...
 
 
+class Here:
+    """This process: one scan after the other, with all threads of the kernels."""
+
+    dashboard = ""
+
+    def run(self, scans: Iterable[Scan], job: Job) -> Iterator[Row]:
+        """Yield a row for each scan as it ends; see ``Engine``."""
+        return (measure_scan(scan, job) for scan in scans)
+
+
 class Processes:
     """Workers on this machine, each a process of its own with one thread."""
 
@@ -243,8 +253,13 @@ def engine(scheduler: str | None, workers: int, memory_gb: float) -> Iterator[En
     ------
     DeviceProblem where a scheduler cannot be reached; InputError for numbers out of range.
     """
-    if workers < 1 or not memory_gb > 0:
-        raise InputError(f"workers: expected 1 or more with memory, got {workers}, {memory_gb} GB")
+    if workers < 0 or not memory_gb > 0:
+        raise InputError(f"workers: expected 0 or more with memory, got {workers}, {memory_gb} GB")
+    if workers == 0:
+        if scheduler is not None:
+            raise InputError("workers: expected 1 or more with a scheduler, got 0")
+        yield Here()
+        return
     if scheduler is None:
         yield Processes(workers, memory_gb)
         return

@@ -57,14 +57,29 @@ def write_part_reports(
     except OSError as error:
         raise FileProblem(f"{folder}: could not be made: {error.strerror}") from error
     rig = result.recipe.rig if isinstance(result.recipe.rig, Rig) else None
-    store, links = Store(result.folder), {}
+    store = Store(result.folder)
     for row in chosen:
         name = str(row["scan"])
-        place = folder / f"{UNSAFE.sub('_', name)}{path.suffix}"
         progress(f"report of {name}")
-        write_report(place, {name: inspection_of(result, store, row)}, rig=rig)
-        links[name] = f"{quote(folder.name)}/{quote(place.name)}"
-    return links
+        write_report(_place(path, name), {name: inspection_of(result, store, row)}, rig=rig)
+    links = report_links(path, result)
+    return {str(row["scan"]): links[str(row["scan"])] for row in chosen}
+
+
+def report_links(path: Path, result: BatchResult) -> dict[str, str]:
+    """Return links from the report of a batch to those of its parts that are there."""
+    names = [str(row["scan"]) for row in result.rows if row.get("address")]
+    places = {name: _place(path, name) for name in names}
+    return {
+        name: f"{quote(place.parent.name)}/{quote(place.name)}"
+        for name, place in places.items()
+        if place.is_file()
+    }
+
+
+def _place(path: Path, name: str) -> Path:
+    """The report of a part, beside that of its batch."""
+    return path.with_name(f"{path.stem}-parts") / f"{UNSAFE.sub('_', name)}{path.suffix}"
 
 
 def inspection_of(result: BatchResult, store: Store, row: Mapping[str, Any]) -> Inspection:

@@ -246,6 +246,12 @@ def _why(one: PartTolerance, row: Mapping[str, Any]) -> str:
     return f"{one.name}: {row[f'{one.name} why']}"
 
 
+def batch_charts(result: BatchResult) -> list[Picture]:
+    """Return the control chart of each tolerance, parts in the order of their frames."""
+    ordered = replace(result, rows=tuple(sorted(result.rows, key=_moment)))
+    return [_chart(ordered, one) for one in result.tolerances]
+
+
 def _chart(result: BatchResult, one: PartTolerance) -> Picture:
     """The control chart of a tolerance."""
     figure = control_chart(

@@ -81,7 +81,8 @@ def run_batch(
         Folder of the results. A name that ends with ``.zarr`` holds a Zarr group (format 3) for
         each scan, any other one an archive. All workers must see it.
     workers : int, optional
-        Processes of this machine; as many as it has cores by default.
+        Processes of this machine; as many as it has cores by default. 0 measures in this process,
+        for programs that may not start others; its memory is not bounded then.
     scheduler : str, optional
         Address of a Dask scheduler, such as ``tcp://10.0.0.5:8786``; ``local`` starts one here.
     memory_gb : float
@@ -124,8 +125,9 @@ def run_batch(
         raise InputError(
             f"{folder}: expected a new folder, or to resume the batch there, got results"
         )
+    count = (os.cpu_count() or 1) if workers is None else workers
     about = made_by("run_batch", options={"source": str(source), "method": known.method})
-    with engine(scheduler, workers or os.cpu_count() or 1, memory_gb) as runner, _own(folder):
+    with engine(scheduler, count, memory_gb) as runner, _own(folder):
         store.begin(about.as_dict())
         started(runner)
         job = job_of(known, str(folder.resolve()))

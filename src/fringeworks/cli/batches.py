@@ -47,7 +47,8 @@ def batch(
         Path, typer.Option("--out", help="Folder of the results; NAME.zarr holds Zarr groups.")
     ],
     workers: Annotated[
-        int | None, typer.Option(help="Processes of this machine; by default one for each core.")
+        int | None,
+        typer.Option(help="Processes of this machine; 0 for none, by default one a core."),
     ] = None,
     scheduler: Annotated[
         str | None,

@@ -49,28 +49,10 @@ def certificate(
     words.tell(found, figures)
     if report is not None:
         with output.target(report, ".html") as place:
-            _write_report(place, f"Certificate: {test.stem}", found, paper)
+            fw.write_report(place, {f"Certificate: {test.stem}": found}, paper=paper)
     output.write_json(json_file, figures)
     words.wrote(report, json_file)
     raise typer.Exit(EXIT_CODES[found.verdict])
-
-
-def _write_report(path: Path, title: str, found: fw.evaluate.Certificate, paper: str) -> None:
-    """Write the certificate, with the verdict of the test on top."""
-    from fringeworks.report.page.chapter import Context, chapter_of
-    from fringeworks.report.page.report import write_page
-    from fringeworks.report.verdicts import Verdict
-
-    said = {
-        "pass": "all limits are kept, in all positions",
-        "fail": "a limit is exceeded",
-        "undecided": "the test is incomplete"
-        if found.faults
-        else "a value is too close to a limit",
-    }[found.verdict]
-    top = Verdict(found.verdict, f"{found.verdict.upper()}: {said}.")
-    chapter = chapter_of(found, Context(title))
-    write_page(path, title, [chapter], found.provenance, verdict=top, paper=paper)
 
 
 def _list(words: output.Output, test: fw.evaluate.AcceptanceTest) -> None:

@@ -114,11 +114,15 @@ def watch(
     false_alarms: Annotated[
         float, typer.Option(help="Largest expected number of alarms in 1,000 scans.")
     ] = 1.0,
+    report: Annotated[
+        Path | None, typer.Option(help="Write a report: the chart of all scans, .html or .pdf.")
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Watch by scans of parts, without a board, whether a rig has moved; exit code 0 holds, 3 has
     moved, 4 cannot tell yet."""
-    words = output.Output(json_file)
+    words = output.Output(report, json_file)
+    output.check(report, "report")
     with output.progress() as progress:
 
         def scans() -> Iterator[tuple[str, fw.Stack]]:
@@ -137,8 +141,11 @@ def watch(
         )
     figures = fw.report.summarise(found)
     words.tell(found, figures)
+    if report is not None:
+        with output.target(report, ".html") as place:
+            fw.write_report(place, {f"Watched rig: {watched.stem}": found})
     output.write_json(json_file, figures)
-    words.wrote(watched, json_file)
+    words.wrote(watched, report, json_file)
     raise typer.Exit(WATCH_CODES[found.verdict])
 
 

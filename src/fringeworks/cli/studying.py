@@ -85,34 +85,10 @@ def study(
     words.tell(found, figures)
     if report is not None:
         with output.target(report, ".html") as place:
-            _write_report(place, f"{table.stem}: {where.quantity}", found)
+            fw.write_report(place, {f"{table.stem}: {where.quantity}": found})
     output.write_json(json_file, figures)
     words.wrote(report, json_file)
     raise typer.Exit(EXIT_CODES[found.verdict])
-
-
-def _write_report(path: Path, title: str, found: Any) -> None:
-    """Write the report, with the gauge's verdict on top: it says nothing about the parts."""
-    from fringeworks.report.page.chapter import Context, chapter_of
-    from fringeworks.report.page.report import write_page
-    from fringeworks.report.verdicts import Verdict
-    from fringeworks.types import made_by
-
-    chapter = chapter_of(found, Context(title))
-    line = isinstance(found, fw.evaluate.GaugeLinearity)
-    said = {
-        "pass": "no significant bias" if line else "the gauge is accepted",
-        "fail": "the bias is significant" if line else "the gauge is not accepted",
-        "undecided": "the bias is not on a line" if line else "the use of the gauge decides",
-    }[found.verdict]
-    origin = made_by("study", options={"title": title})
-    write_page(
-        path,
-        title,
-        [chapter],
-        origin,
-        verdict=Verdict(found.verdict, f"{found.verdict.upper()}: {said}."),
-    )
 
 
 def _summary(table: Path) -> Path:

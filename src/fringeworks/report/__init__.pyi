@@ -3,6 +3,9 @@
 from .summary import (
     summarise as summarise,
 )
+from .citations import (
+    cite as cite,
+)
 from .tables import (
     format_table as format_table,
 )

@@ -14,6 +14,7 @@ __all__ = [
     "BoundaryNorm",
     "Figure",
     "FontProperties",
+    "Line2D",
     "ListedColormap",
     "Outline",
     "Patch",
@@ -73,6 +74,7 @@ try:
     from matplotlib.figure import Figure
     from matplotlib.font_manager import FontProperties
     from matplotlib.image import AxesImage
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch, PathPatch, Rectangle
     from matplotlib.path import Path as Outline
     from matplotlib.textpath import TextPath

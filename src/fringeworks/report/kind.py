@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fringeworks.report.page.blocks import Chapter
     from fringeworks.report.page.chapter import Context
     from fringeworks.report.sheets import Sheet
+    from fringeworks.report.verdicts import Verdict
 
 Result = TypeVar("Result")
 
@@ -52,6 +53,8 @@ class Kind(Generic[Result]):
     """The chapter of a report; by default figures and picture."""
     surface: Callable[[Result], Any] | None = None
     """The map or the points in the result that the viewer turns."""
+    verdict: Callable[[Result], Verdict] | None = None
+    """What stands on top of a report of this result alone."""
 
 
 NOTHING: Kind[Any] = Kind()

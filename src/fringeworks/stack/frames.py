@@ -19,6 +19,7 @@ from fringeworks.types import (
     FramesContradictPlan,
     Frozen,
     InputError,
+    Plotted,
     Region,
     Source,
     positive,
@@ -57,7 +58,7 @@ Planes = list[NDArray[Any]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Stack(Frozen):
+class Stack(Plotted, Frozen):
     """Frames with the plan that they follow."""
 
     frames: Sequence[NDArray[Any]]

@@ -211,10 +211,14 @@ class MergeViews:
     """Empty where poses come from the shape."""
     step_deg: float
     name: str
+    beside: bool = False
+    """Whether the board moves with the part in any way, and no table turns both by equal steps."""
 
     @property
     def poses(self) -> dict[str, Any]:
         """Where the poses come from, as ``merge`` takes it."""
+        if self.board and self.beside:
+            return {"poses": "board", "board": self.board}
         if not self.board:
             return {"poses": "shape"}
         return {"poses": "turntable", "board": self.board, "step_deg": self.step_deg}

@@ -24,7 +24,9 @@ from fringeworks.studio.actions import (
     SetUp,
     TakePose,
 )
+from fringeworks.studio.camera_actions import CalibrateCameras, MeasureCameras
 from fringeworks.studio.part_actions import PART_ACTIONS, Deviate, WriteMesh
+from fringeworks.studio.series_actions import SERIES_ACTIONS
 from fringeworks.studio.tasks import Source
 from fringeworks.studio.workspace import Workspace
 from fringeworks.types import InputError
@@ -42,6 +44,9 @@ ACTIONS: dict[str, type[Action]] = {
         Export,
         DrawFigures,
         *PART_ACTIONS,
+        *SERIES_ACTIONS,
+        CalibrateCameras,
+        MeasureCameras,
     )
 }
 """What can be done, by the names that the file of what was done has."""

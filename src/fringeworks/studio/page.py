@@ -12,8 +12,10 @@ from fringeworks.studio.places import STEPS, Place, place_of
 from fringeworks.studio.session import Session
 from fringeworks.studio.state import Studio
 from fringeworks.studio.steps import (
+    batch,
     calibrate,
     captures,
+    certify,
     export,
     history,
     learn,
@@ -32,6 +34,8 @@ BUILDERS: dict[str, tuple[str, Callable[[Step], None]]] = {
     "scan": ("Take the frames of an object", scan.build),
     "captures": ("Captures and results in this folder", captures.build),
     "look": ("Look, measure, compare and judge", look.build),
+    "batch": ("Judge many parts by one recipe", batch.build),
+    "certify": ("Prove how well the scanner measures", certify.build),
     "export": ("Files, reports and commands", export.build),
     "learn": ("Try methods on a virtual scene", learn.build),
     "history": ("What was done, and what can be undone", history.build),
@@ -45,6 +49,8 @@ ROOM = resources.files("fringeworks.studio")
 """Where the style and the script of the page lie."""
 STYLE, SCRIPT = (ROOM.joinpath(f"studio.{kind}").read_text("utf-8") for kind in ("css", "js"))
 """Style and script of the page; the viewer has its own."""
+MODULES = {name: ROOM.joinpath(f"{name}.js").read_text("utf-8") for name in ("areas", "parts")}
+"""Scripts that steps load when they need them."""
 HEAD = """
 <meta name="description" content="fringeworks studio">
 <link rel="stylesheet" href="/studio.css">

@@ -12,6 +12,7 @@ from typing import Any
 
 from fringeworks.evaluate.deviation import deviation
 from fringeworks.evaluate.inspect import inspect
+from fringeworks.files.check_history import append_check
 from fringeworks.files.mesh_writer import write_mesh
 from fringeworks.files.rig import read_rig
 from fringeworks.pipeline.rig_check import check_rig
@@ -22,7 +23,7 @@ from fringeworks.scan.bench import Take, open_bench, take
 from fringeworks.serving.worker import Link
 from fringeworks.studio.actions import Command, Scan, quoted
 from fringeworks.studio.tasks import Source, compute, thinning_of
-from fringeworks.studio.workspace import Workspace
+from fringeworks.studio.workspace import CHECKS, Workspace
 from fringeworks.surface.clean import clean_cloud
 from fringeworks.surface.mesh import cloud_mesh
 from fringeworks.types import InputError, PointCloud
@@ -174,15 +175,18 @@ class CheckRig:
         with open_bench(space.setup, **self.devices) as bench:
             take(bench, space.root / self.name, progress=link.progress)
         link.progress("checking")
-        return summarise(check_rig(space.rig, space.root / self.name, self.board))
+        found = check_rig(space.rig, space.root / self.name, self.board)
+        append_check(space.root / CHECKS, found)
+        return summarise(found)
 
     def command(self, _: Any) -> Command:
         """What does the same."""
         taken = Scan(self.name, Take(), self.devices).command(None)
         return Command(
             f"{taken.shell}\nfringeworks rig check {quoted(self.name)} --rig rig.toml "
-            f"--board {quoted(self.board)}",
-            f"{taken.python}\nprint(fw.rig.check_rig('rig.toml', {self.name!r}, {self.board!r}))",
+            f"--board {quoted(self.board)} --history {CHECKS}",
+            f"{taken.python}\nfound = fw.rig.check_rig('rig.toml', {self.name!r}, {self.board!r})\n"
+            f"fw.files.append_check({CHECKS!r}, found)\nprint(found)",
         )
 
 

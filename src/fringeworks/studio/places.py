@@ -7,7 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import parse_qsl, quote, unquote, urlencode, urlsplit
 
-STEPS = ("start", "set up", "calibrate", "scan", "captures", "look", "export", "learn", "history")
+STEPS = (
+    *("start", "set up", "calibrate", "scan", "captures", "look"),
+    *("batch", "certify", "export", "learn", "history"),
+)
 """The steps in the order of the navigation; their addresses have a hyphen for a space."""
 MOST_LETTERS = 2000
 """Longest address that is read, characters."""

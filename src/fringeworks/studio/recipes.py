@@ -55,6 +55,20 @@ class RecipeKeeper:
             raise InputError(f"area: expected a new name, got {name!r}: delete that area first")
         self._edit(f"add {name}", replace(known, areas={**known.areas, name: area}))
 
+    def move_area(self, name: str, area: Area) -> None:
+        """Change where an area lies.
+
+        Raises
+        ------
+        InputError for an area that is not there.
+        """
+        known = self.read()
+        if name not in known.areas:
+            raise InputError(f"{name}: expected an area of the recipe, got none")
+        if known.areas[name] != area:
+            moved = replace(known, areas={**known.areas, name: area})
+            self._edit(f"change {name}", moved)
+
     def remove_area(self, name: str) -> None:
         """Delete an area, and the tolerances that are measured on it."""
         known = self.read()

@@ -14,15 +14,16 @@ from pathlib import Path
 
 import uvicorn
 from fastapi import FastAPI, HTTPException, Request
-from fastapi.responses import FileResponse, PlainTextResponse, Response
+from fastapi.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
 from nicegui import app, ui
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.report.viewer.page import viewer_script, viewer_style
 from fringeworks.serving.guard import TOKEN, Guard
 from fringeworks.serving.listening import listening, named, own_names
-from fringeworks.studio.page import SCRIPT, STYLE, add_page
+from fringeworks.studio.page import MODULES, SCRIPT, STYLE, add_page
 from fringeworks.studio.phone import add_phone
+from fringeworks.studio.slim import slim_files
 from fringeworks.studio.state import Studio
 from fringeworks.studio.thumbnails import thumbnail
 from fringeworks.types import FileProblem, InputError
@@ -35,6 +36,13 @@ ICON = (
     '<path d="M3 2v12M6.3 2v12M9.7 2v12M13 2v12" stroke="#fff"/></svg>'
 )
 """Icon of the page in the browser: fringes."""
+ALONE = "sandbox allow-scripts allow-popups"
+"""Policy of reports: their scripts reach neither the studio nor its cookies."""
+MISSING = (
+    '<!doctype html><html lang="en"><title>fringeworks studio</title><h1>There is no such page.'
+    '</h1><p><a href="/">To the start of the studio</a></p></html>'
+)
+"""Page for addresses that nothing is at."""
 SHUTDOWN_S = 2
 """Longest wait for pages that are still open at the end, s."""
 
@@ -77,6 +85,7 @@ def studio_app(studio: Studio, port: int = PORT) -> FastAPI:
     """
     # No bar at the top while something loads: it has no name, and the page says what it does.
     app.config.quasar_config["loadingBar"] = {"skipHijack": True}
+    app.exception_handler(404)(_missing)
     api = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     _add_files(api, studio)
     add_phone(api, studio.phone)
@@ -99,6 +108,7 @@ def studio_app(studio: Studio, port: int = PORT) -> FastAPI:
 def _add_files(api: FastAPI, studio: Studio) -> None:
     """Register what pages load: scripts and styles, surfaces, pictures, and files of the folder."""
     _add_texts(api)
+    _add_reports(api, studio)
 
     @api.get("/thumb/{name:path}")
     def _thumb(name: str) -> Response:
@@ -135,6 +145,23 @@ def _add_files(api: FastAPI, studio: Studio) -> None:
             return PlainTextResponse("There is no such file.", status_code=404)
 
 
+def _add_reports(api: FastAPI, studio: Studio) -> None:
+    """Register the reports of the folder, which anybody may have written."""
+
+    @api.get("/report/{name:path}")
+    def _report(name: str) -> Response:
+        # A page of the folder may hold anything: it runs as if it came from nowhere.
+        try:
+            path = studio.workspace.inside(name)
+        except (FileProblem, ValueError):
+            raise HTTPException(404, "There is no such report.") from None
+        if path.suffix.lower() != ".html":
+            raise HTTPException(404, "There is no such report.")
+        answer = _file(path)
+        answer.headers["content-security-policy"] = ALONE
+        return answer
+
+
 def _add_texts(api: FastAPI) -> None:
     """Register scripts and styles, compressed once."""
     texts = {
@@ -142,9 +169,11 @@ def _add_texts(api: FastAPI) -> None:
         "viewer.css": (viewer_style(), "text/css"),
         "studio.js": (SCRIPT, "text/javascript"),
         "studio.css": (STYLE, "text/css"),
-    }
+    } | {f"{name}.js": (text, "text/javascript") for name, text in MODULES.items()}
     for name, (text, kind) in texts.items():
         api.get(f"/{name}")(_text(text, kind))
+    for name, (text, kind) in slim_files().items():
+        api.get(f"/_nicegui/{{version}}/static/{name}")(_text(text, kind))
 
 
 def _text(text: str, kind: str) -> Callable[[Request], Response]:
@@ -159,6 +188,11 @@ def _text(text: str, kind: str) -> Callable[[Request], Response]:
         return Response(packed, media_type=kind, headers=headers)
 
     return answer
+
+
+async def _missing(_: Request, __: Exception) -> HTMLResponse:
+    """Answer for addresses that nothing is at."""
+    return HTMLResponse(MISSING, status_code=404)
 
 
 def _file(path: Path, *, download: bool = False) -> FileResponse:

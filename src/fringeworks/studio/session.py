@@ -51,6 +51,8 @@ class Session:
     """Number of pages that are open."""
     tried: int | None = None
     """Number of the surface of the last trial."""
+    proofs: dict[tuple[str, ...], dict[str, Any]] = field(default_factory=dict)
+    """What the last certificate, study and watch said, by the names of their work."""
     jobs: deque[Job] = field(default_factory=lambda: deque(maxlen=KEPT_JOBS))
     """Their last computations."""
 

@@ -24,11 +24,21 @@ from fringeworks.studio.actions import (
     perform,
 )
 from fringeworks.studio.bench import Bench
+from fringeworks.studio.camera_actions import CalibrateCameras, MeasureCameras
 from fringeworks.studio.part_actions import Deviate, InspectAll, WriteMesh
 from fringeworks.studio.recipes import RecipeKeeper, as_shown
+from fringeworks.studio.series_actions import (
+    Certify,
+    ChartChecks,
+    RunBatch,
+    StudyGauge,
+    WatchRig,
+    listed_positions,
+)
 from fringeworks.studio.session import Session, Shown
 from fringeworks.studio.tour import PART, Tour, begin_tour
 from fringeworks.studio.trash import Entry
+from fringeworks.studio.workspace import CHECKS
 from fringeworks.types import FileProblem, InputError
 
 StepState = Literal["to do", "running", "good", "look here"]
@@ -60,6 +70,8 @@ class Studio(Bench):
         """The virtual part that is measured, or was measured last."""
         self.verdict: dict[str, Any] = {}
         """What the last calibration said."""
+        self.batch: dict[str, Any] = {}
+        """What the last batch said."""
         self._sessions: dict[str, Session] = {}
         self._numbers = itertools.count(1)
         self._packed = Path(tempfile.mkdtemp(prefix="fringeworks-studio-"))
@@ -141,20 +153,45 @@ class Studio(Bench):
         return self._calculate(session, "calibrating", Calibrate(self.board), len(poses) + 1)
 
     def merge_views(
-        self, session: Session, captures: list[str], board: str, step_deg: float, name: str
+        self,
+        session: Session,
+        captures: list[str],
+        board: str,
+        step_deg: float,
+        name: str,
+        *,
+        beside: bool = False,
     ) -> Job:
-        """Measure and merge the views of a part on a turntable; ``board`` may be empty."""
+        """Measure and merge the views of a part; ``board`` may be empty, ``beside`` as there."""
         if not self.workspace.rig.is_file():
             raise InputError("There is no rig: calibrate first.")
         if len(captures) < 2:
             raise InputError("Expected two views or more: take a series of scans first.")
-        if board and not step_deg:
+        if beside and not board:
+            raise InputError("Board: expected its short form, such as chessboard:11x8:12, got none")
+        if board and not step_deg and not beside:
             raise InputError("Turntable step: expected degrees, got 0.")
         for capture in captures:
             self.workspace.inside(capture)
         name = self.workspace.free(name, ".ply")
-        action = MergeViews(tuple(captures), board, step_deg, name)
+        action = MergeViews(tuple(captures), board, step_deg, name, beside)
         return self._calculate(session, "merging", action, 2 * len(captures))
+
+    def calibrate_cameras(self, session: Session, folders: list[str], board: str) -> Job:
+        """Calibrate two cameras or more by poses of a board, a folder of them for each camera."""
+        known = self.workspace.folders_of_captures()
+        if len(folders) < 2 or not set(folders) <= set(known):
+            raise InputError("Poses: expected a folder of captures for each of two cameras or more")
+        action = CalibrateCameras(tuple(folders), board)
+        return self._calculate(session, "calibrating the cameras", action)
+
+    def measure_cameras(self, session: Session, captures: list[str], name: str) -> Job:
+        """Measure a part that several cameras saw, a capture for each in the order of the rig."""
+        self._needs(self.workspace.cameras, "calibrate the cameras first")
+        if len(captures) < 2 or not set(captures) <= set(self.workspace.captures()):
+            raise InputError("Captures: expected one for each camera, in the order of the rig")
+        action = MeasureCameras(tuple(captures), self.workspace.free(name, ".ply"))
+        return self._calculate(session, "measuring with the cameras", action)
 
     def look(self, session: Session, source: str, method: str, options: dict[str, Any]) -> Job:
         """Compute a surface, and show it; the one before is kept for comparison."""
@@ -261,6 +298,81 @@ class Studio(Bench):
         job = self._calculate(session, "judging all", InspectAll(tuple(names)), len(names))
         job.when_done(lambda: self._note_verdicts(job.result))
         return job
+
+    def run_batch(
+        self, session: Session, folder: str, recipe: str, name: str, *, resume: bool
+    ) -> Job:
+        """Measure and judge all captures of a folder by a recipe.
+
+        Raises
+        ------
+        InputError for a folder without captures, a recipe that is not there, and a name that is
+        taken by a batch that is not resumed.
+        """
+        space = self.workspace
+        if folder not in space.folders_of_captures():
+            raise InputError("There is no capture in this folder: scan parts first.")
+        if recipe not in space.of_kind("recipe"):
+            raise InputError(
+                "There is no recipe: draw areas and add tolerances in Look, which writes one."
+            )
+        if space.new(name).exists() and not resume:
+            raise InputError(f"The folder has {name!r} already: choose another name, or resume it.")
+        action = RunBatch(folder, recipe, name, resume)
+        parts = sum(one.rpartition("/")[0] == folder.strip(".") for one in space.captures())
+        job = self._calculate(session, f"batch {name}", action, 2 * parts + 1)
+        job.when_done(lambda: self._note_batch(job.result))
+        return job
+
+    def _note_batch(self, result: dict[str, Any]) -> None:
+        self.batch = result
+        inside = "" if result["folder"] == "." else f"{result['folder']}/"
+        self._note_verdicts({inside + row["part"]: row["verdict"] for row in result["rows"]})
+
+    def list_positions(self, session: Session, test: str) -> Job:
+        """List where the artefacts of an acceptance test are to be scanned."""
+        self._there(test, self.workspace.of_kind("acceptance-test"), "an acceptance test")
+        given = self.workspace, test
+        return self._compute(session, "positions of the test", listed_positions, *given)
+
+    def certify(self, session: Session, test: str, suffix: str = ".html") -> Job:
+        """Test the scanner by scans of artefacts, and write the certificate."""
+        self._there(test, self.workspace.of_kind("acceptance-test"), "an acceptance test")
+        return self._prove(session, "certificate", "certificate", Certify, test, suffix=suffix)
+
+    def study(
+        self, session: Session, table: str, quantity: str, width: float | None, reference: str
+    ) -> Job:
+        """Judge the gauge by a table of trials."""
+        self._there(table, self.workspace.tables(), "a table (CSV)")
+        if not quantity:
+            raise InputError("Column of the values: expected a name, got none")
+        given = table, quantity, width, reference
+        return self._prove(session, "gauge study", "study", StudyGauge, *given)
+
+    def watch_rig(self, session: Session, captures: list[str]) -> Job:
+        """Watch by scans of parts whether the rig has moved."""
+        self._needs(self.workspace.rig, "calibrate first")
+        stacks = [name for name in captures if tasks.is_stack(self.workspace.inside(name))]
+        if not stacks:
+            raise InputError("There is no scan with the frames of a plan: scan parts first.")
+        return self._prove(session, "watching the rig", "rig-watch", WatchRig, tuple(stacks))
+
+    def chart_checks(self, session: Session) -> Job:
+        """Chart all checks of the rig."""
+        self._needs(self.workspace.root / CHECKS, "check the rig in Calibrate first")
+        return self._prove(session, "charting the checks", "rig-history", ChartChecks)
+
+    def _prove(
+        self, session: Session, work: str, name: str, kind: Any, *given: Any, suffix: str = ".html"
+    ) -> Job:
+        """Begin what writes a report of a free name."""
+        report = f"{self.workspace.free(name, suffix)}{suffix}"
+        return self._calculate(session, work, kind(*given, report))
+
+    def _there(self, name: str, names: list[str], what: str) -> None:
+        if name not in names:
+            raise InputError(f"{name or 'file'}: expected {what} in the folder, got none")
 
     def _note_verdicts(self, found: dict[str, str]) -> None:
         for name, verdict in found.items():

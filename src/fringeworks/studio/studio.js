@@ -52,6 +52,7 @@
     release(mount);
     mount.viewer = new globalThis.FringeViewer(mount, surfaces);
     await mount.viewer.ready;
+    document.dispatchEvent(new CustomEvent("fw-surface"));
   };
 
   globalThis.fringeLive = async (id, number) => {

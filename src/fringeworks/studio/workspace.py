@@ -14,6 +14,7 @@ from pathlib import Path
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.folder import make_folder
 from fringeworks.files.pair import CAPTURE_FILE
+from fringeworks.files.toml import kind_of
 from fringeworks.types import FileProblem, InputError
 
 NAME = re.compile(r"[\w][\w .-]{0,59}", re.UNICODE)
@@ -27,6 +28,8 @@ RESULTS = (
 """Suffixes of results that can be looked at."""
 DRAWINGS = (".stl", ".obj", ".off", ".ply")
 """Suffixes of drawings that parts are compared with."""
+SUMMARY = "summary.csv"
+"""Name of the summary in a folder of a batch's results."""
 POSE = re.compile(r"pose-\d+")
 """Names of the board's poses."""
 RESERVED = (
@@ -35,6 +38,7 @@ RESERVED = (
     "setup.png",
     "rig.toml",
     "rig.png",
+    "cameras.toml",
     "recipe.toml",
     "board",
     "dissertation",
@@ -42,8 +46,14 @@ RESERVED = (
     "history.jsonl",
     "notes.json",
     "phone.json",
+    "rig-checks.csv",
+    "rig-watch.jsonl",
 )
 """Names of the studio's own files and folders."""
+CHECKS = "rig-checks.csv"
+"""Table of the checks of the rig."""
+WATCH_LOG = "rig-watch.jsonl"
+"""Log of the scans of parts by which the rig is watched."""
 MOST_VISITED = 5000
 """Entries of a folder that are looked at."""
 DEEPEST = 2
@@ -72,6 +82,11 @@ class Workspace:
     def rig(self) -> Path:
         """The rig file."""
         return self.root / "rig.toml"
+
+    @property
+    def cameras(self) -> Path:
+        """The rig file of several cameras."""
+        return self.root / "cameras.toml"
 
     @property
     def recipe(self) -> Path:
@@ -194,18 +209,42 @@ class Workspace:
 
     def results(self) -> list[str]:
         """Names of the files that hold results."""
-        return sorted(
-            entry.name
-            for entry in _entries(self.root)
-            if Path(entry.name).suffix.lower() in RESULTS and _is_file(Path(entry.path))
-        )[:MOST_LISTED]
+        return [name for name in self._files(RESULTS) if name != CHECKS]
 
     def drawings(self) -> list[str]:
         """Names of the files that hold drawings or meshes."""
+        return self._files(DRAWINGS)
+
+    def of_kind(self, kind: str) -> list[str]:
+        """Names of the descriptions (TOML) of a kind, such as ``recipe``."""
+        return [
+            name
+            for name in self._files((".toml",))
+            if kind_of(self.root / name) == kind and name != CAPTURE_FILE
+        ]
+
+    def tables(self) -> list[str]:
+        """Names of the tables (CSV), the summaries of batches among them."""
+        return self._files((".csv",)) + [
+            f"{folder.name}/{SUMMARY}"
+            for folder in _folders(self.root)
+            if _is_file(Path(folder.path) / SUMMARY)
+        ]
+
+    def reports(self) -> list[str]:
+        """Names of the reports that lie in the folder, those of parts left out."""
+        return self._files((".html",))
+
+    def folders_of_captures(self) -> list[str]:
+        """The folder itself and those in it that hold captures; ``.`` is the folder itself."""
+        found = {name.rpartition("/")[0] or "." for name in self.captures()}
+        return sorted(found)
+
+    def _files(self, suffixes: tuple[str, ...]) -> list[str]:
         return sorted(
             entry.name
             for entry in _entries(self.root)
-            if Path(entry.name).suffix.lower() in DRAWINGS and _is_file(Path(entry.path))
+            if Path(entry.name).suffix.lower() in suffixes and _is_file(Path(entry.path))
         )[:MOST_LISTED]
 
     def taken_poses(self) -> list[str]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, cast
+
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     import xarray
@@ -22,6 +24,32 @@ class _Exchange(Protocol):
 def exchange() -> _Exchange:
     """That module."""
     return cast("_Exchange", import_module(EXCHANGE))
+
+
+class Arrayed:
+    """A result that NumPy takes as the array of its main quantity."""
+
+    main: ClassVar[str] = "values"
+    """Name of the field of that quantity."""
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return the main quantity, NaN where nothing was measured; read-only unless copied.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import fringeworks as fw
+        >>> scene = fw.simulate.standard_scene("parabola", size=100, fringes=8)
+        >>> found = fw.reconstruct(scene, "fourier")
+        >>> np.asarray(found.surface).shape
+        (100, 100)
+        """
+        values: NDArray[Any] = getattr(self, self.main)
+        if dtype is not None and values.dtype != dtype:
+            if copy is False:
+                raise ValueError(f"dtype: expected {values.dtype} without a copy, got {dtype}")
+            return values.astype(dtype)
+        return values.copy() if copy else values
 
 
 class Labelled:

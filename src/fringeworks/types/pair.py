@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from fringeworks.types.arrays import Axis, BoolMap, ByteMap, FloatMap
 from fringeworks.types.checks import finite, positive
-from fringeworks.types.displayed import Sectioned
+from fringeworks.types.displayed import Plotted, Sectioned
 from fringeworks.types.errors import InputError
+from fringeworks.types.exchanged import Arrayed
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.provenance import Source
 
@@ -51,7 +52,7 @@ class ReferencePlaneGeometry(Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Pair(Frozen):
+class Pair(Plotted, Frozen):
     """A reference frame and an object frame, as the camera delivered them."""
 
     reference: NDArray[Any] | None
@@ -85,7 +86,7 @@ class Pair(Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DisplacementMap(Sectioned, Frozen):
+class DisplacementMap(Sectioned, Arrayed, Frozen):
     """Displacement of the fringes per pixel: d(x) = a + b·s(x − u), theory §2 and §4."""
 
     layout = {  # noqa: RUF012
@@ -97,6 +98,7 @@ class DisplacementMap(Sectioned, Frozen):
         "albedo": "?fiu hw",
         "walls": "?ui hw",
     }
+    main = "displacement_px"
 
     displacement_px: FloatMap
     """u along the carrier's axis, (h, w), px; NaN where it cannot be measured."""

@@ -11,7 +11,7 @@ from fringeworks.types.arrays import ByteMap, FloatMap, Reason
 from fringeworks.types.checks import finite, positive
 from fringeworks.types.displayed import Sectioned
 from fringeworks.types.errors import InputError
-from fringeworks.types.exchanged import Labelled, exchange
+from fringeworks.types.exchanged import Arrayed, Labelled, exchange
 from fringeworks.types.finding import Finding, Noted
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.placement import CAMERA_FRAME, Placement, pose_sigma_mm
@@ -20,7 +20,7 @@ from fringeworks.types.robot import check_pose_covariance, check_rigid
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class HeightMap(Noted, Sectioned, Labelled, Frozen):
+class HeightMap(Noted, Sectioned, Labelled, Arrayed, Frozen):
     """Heights above the reference plane, or displacements where the geometry is unknown."""
 
     layout = {  # noqa: RUF012
@@ -75,7 +75,7 @@ class HeightMap(Noted, Sectioned, Labelled, Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PointCloud(Noted, Sectioned, Labelled, Frozen):
+class PointCloud(Noted, Sectioned, Labelled, Arrayed, Frozen):
     """Points, one per pixel of the camera.
 
     They are in camera coordinates (x right, y down, z away from the camera), or in others, which
@@ -91,6 +91,7 @@ class PointCloud(Noted, Sectioned, Labelled, Frozen):
         "colour": "?fiu hw|hw3",
         "blur_mm": "?fiu hw",
     }
+    main = "xyz_mm"
 
     xyz_mm: FloatMap
     """(h, w, 3), mm; NaN where not measured."""

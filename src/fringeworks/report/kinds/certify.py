@@ -15,7 +15,8 @@ from fringeworks.report.page.blocks import Block, Chapter, Picture, Table, Text
 from fringeworks.report.page.chapter import Context
 from fringeworks.report.page.parts import facts
 from fringeworks.report.summary import origin
-from fringeworks.types.numbers import limit, number, percent, sigma_text
+from fringeworks.report.verdicts import Verdict
+from fringeworks.types.numbers import UNKNOWN, limit, number, percent, sigma_text
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
@@ -102,7 +103,7 @@ def _row(one: QualityParameter) -> tuple[str, ...]:
         str(len(one.values_mm)),
         number(1e3 * one.largest_mm, 1e3 * one.test_sigma_mm, "µm"),
         sigma_text(1e3 * one.test_sigma_mm, "µm"),
-        limit(None if one.limit_mm is None else 1e3 * one.limit_mm) + " µm",
+        UNKNOWN if one.limit_mm is None else f"{limit(1e3 * one.limit_mm)} µm",
         one.verdict or "no limit",
     )
 
@@ -237,4 +238,16 @@ def _artefacts(found: Certificate) -> list[tuple[str, str]]:
     return rows
 
 
-describe(Certificate, Kind(figures, words, picture, chapter))
+def verdict(found: Certificate) -> Verdict:
+    """The verdict of the test."""
+    said = {
+        "pass": "all limits are kept, in all positions",
+        "fail": "a limit is exceeded",
+        "undecided": "the test is incomplete"
+        if found.faults
+        else "a value is too close to a limit",
+    }[found.verdict]
+    return Verdict(found.verdict, f"{found.verdict.upper()}: {said}.")
+
+
+describe(Certificate, Kind(figures, words, picture, chapter, verdict=verdict))

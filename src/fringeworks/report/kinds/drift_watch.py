@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fringeworks.files.findings import findings_as_dicts
 from fringeworks.report.kind import Kind, Rows, Word, describe
+from fringeworks.report.sheets import titled
 from fringeworks.report.summary import origin
 from fringeworks.rig.drift_watch import RigWatch, WatchedScan
 from fringeworks.rig.scan_evidence import MODES
 from fringeworks.types.numbers import number
+
+if TYPE_CHECKING:
+    from fringeworks.report.drawing import Figure
 
 SHOWN = 10
 """Last scans that a command lists; the figures have all."""
@@ -63,4 +67,11 @@ def words(watch: RigWatch, _: dict[str, Any]) -> Iterator[Word]:
     yield from watch.findings
 
 
-describe(RigWatch, Kind(figures, words))
+def picture(watch: RigWatch, name: str | None) -> Figure:
+    """How far each scan is over the limit."""
+    from fringeworks.report.watch_chart import watch_chart  # which needs Matplotlib
+
+    return watch_chart(titled(name, "Watched rig"), watch)
+
+
+describe(RigWatch, Kind(figures, words, picture))

@@ -14,6 +14,7 @@ from fringeworks.report.page.blocks import Chapter, Picture, Table, Text
 from fringeworks.report.page.chapter import Context
 from fringeworks.report.page.parts import facts
 from fringeworks.report.sheets import titled
+from fringeworks.report.verdicts import Verdict
 from fringeworks.types.numbers import UNKNOWN, limit, number, percent
 
 if TYPE_CHECKING:
@@ -209,4 +210,19 @@ def chapter(study: GaugeStudy, context: Context) -> Chapter:
     )
 
 
-describe(GaugeStudy, Kind(figures, words, picture, chapter))
+def verdict(study: GaugeStudy) -> Verdict:
+    """The verdict on the gauge, which says nothing about the parts."""
+    return gauge_verdict(study.verdict)
+
+
+def gauge_verdict(kind: str) -> Verdict:
+    """A verdict on a gauge in words."""
+    said = {
+        "pass": "the gauge is accepted",
+        "fail": "the gauge is not accepted",
+        "undecided": "the use of the gauge decides",
+    }[kind]
+    return Verdict(kind, f"{kind.upper()}: {said}.")
+
+
+describe(GaugeStudy, Kind(figures, words, picture, chapter, verdict=verdict))

@@ -12,11 +12,12 @@ from fringeworks.evaluate.gauge_bias import (
     GaugeType1,
 )
 from fringeworks.report.kind import Kind, Rows, Word, describe
-from fringeworks.report.kinds.gauge_anova import ends, span
+from fringeworks.report.kinds.gauge_anova import ends, gauge_verdict, span
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Table
 from fringeworks.report.page.chapter import Context
 from fringeworks.report.page.parts import facts
 from fringeworks.report.sheets import titled
+from fringeworks.report.verdicts import Verdict
 from fringeworks.types.numbers import estimate, limit, number, percent, sigma_text
 
 if TYPE_CHECKING:
@@ -166,8 +167,32 @@ def linearity_chapter(found: GaugeLinearity, context: Context) -> Chapter:
     return Chapter(context.name, shown)
 
 
-describe(GaugeType1, Kind(type1_figures, type1_words, type1_picture, type1_chapter))
+def type1_verdict(found: GaugeType1) -> Verdict:
+    """The verdict on the gauge."""
+    return gauge_verdict(found.verdict)
+
+
+def linearity_verdict(found: GaugeLinearity) -> Verdict:
+    """The verdict on the gauge's linearity."""
+    said = {
+        "pass": "no significant bias",
+        "fail": "the bias is significant",
+        "undecided": "the bias is not on a line",
+    }[found.verdict]
+    return Verdict(found.verdict, f"{found.verdict.upper()}: {said}.")
+
+
+describe(
+    GaugeType1,
+    Kind(type1_figures, type1_words, type1_picture, type1_chapter, verdict=type1_verdict),
+)
 describe(
     GaugeLinearity,
-    Kind(linearity_figures, linearity_words, linearity_picture, linearity_chapter),
+    Kind(
+        linearity_figures,
+        linearity_words,
+        linearity_picture,
+        linearity_chapter,
+        verdict=linearity_verdict,
+    ),
 )

@@ -9,7 +9,7 @@ from fringeworks.report.kinds.surface import height_chapter, height_figures
 from fringeworks.report.page.blocks import Chapter
 from fringeworks.report.page.chapter import Context
 from fringeworks.report.sheets import REASONS, SIGMA, Panel, Sheet, map_facts, titled
-from fringeworks.types import DisplacementMap, HeightMap
+from fringeworks.types import DisplacementMap, HeightMap, Pair
 from fringeworks.types.numbers import number
 
 
@@ -65,4 +65,22 @@ def chapter(found: DisplacementMap, context: Context) -> Chapter:
     return height_chapter(surface, surface, height_figures(surface), context)
 
 
+def frames_sheet(pair: Pair, name: str | None) -> Sheet:
+    """The frames as the camera delivered them, on one scale."""
+    frames = {
+        "object": pair.object,
+        "reference": pair.reference,
+        "white": pair.white,
+        "black": pair.black if isinstance(pair.black, np.ndarray) else None,
+    }
+    panels = [
+        Panel(f"{kind} frame", np.asarray(frame, float), "grey", "counts", scale="frames")
+        for kind, frame in frames.items()
+        if frame is not None
+    ]
+    size = " × ".join(map(str, pair.object.shape[::-1]))
+    return Sheet(titled(name, "Frames of the pair"), f"{size} px", panels, columns=2)
+
+
+describe(Pair, Kind(picture=frames_sheet))
 describe(DisplacementMap, Kind(picture=picture, chapter=chapter, surface=as_heights))

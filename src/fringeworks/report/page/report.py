@@ -12,6 +12,7 @@ from fringeworks.files.limits import existing_file, is_folder
 from fringeworks.files.read_write import read
 from fringeworks.files.rig import read_rig
 from fringeworks.report.drawing import need_plots
+from fringeworks.report.kind import kind_of
 from fringeworks.report.page.blocks import Chapter
 from fringeworks.report.page.both import compared
 from fringeworks.report.page.chapter import Context, chapter_of
@@ -102,13 +103,21 @@ def write_report(
     ]
     if comparable([result for _, result in named]):
         chapters = compared(chapters, [result for _, result in named])
-    origin = made_by("write_report", options={"title": title or None, "every": every})
     heading = title or named[0][0]
-    verdict = verdict_of(verdicts)
+    own = None if limits or len(named) > 1 else _own_verdict(named[0][1])
+    verdict = own or verdict_of(verdicts)
+    origin = getattr(named[0][1], "provenance", None) if own else None
+    origin = origin or made_by("write_report", options={"title": title or None, "every": every})
     targets = (path, *(() if pdf is None else (Path(pdf),)))
     for target in targets:
         write_page(target, heading, chapters, origin, notes=notes, verdict=verdict, paper=paper)
     return ReportWritten(targets, all(one == "pass" for one in verdicts))
+
+
+def _own_verdict(result: Any) -> Verdict | None:
+    """The verdict of a result that has one of its own, as a certificate."""
+    judge = kind_of(result).verdict
+    return None if judge is None else judge(result)
 
 
 def write_page(

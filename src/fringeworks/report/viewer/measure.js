@@ -18,18 +18,25 @@ export function distance(surface, i, j) {
   return { length, offset, sigma: Math.hypot(err(i), err(j)) };
 }
 
-/** The twin of profile(…, level=True): [along, height, σ] of the pixels between two. */
-export function profile(surface, i, j) {
-  const { width, header, reason, sigma } = surface;
+/** The pixels from one to another, both included. */
+export function between({ width }, i, j) {
   const [x, y] = [i % width, Math.floor(i / width)];
   const [dx, dy] = [(j % width) - x, Math.floor(j / width) - y];
+  const n = Math.max(Math.abs(dx), Math.abs(dy));
+  return Array.from({ length: n + 1 }, (_, k) => {
+    const share = n && k / n;
+    return Math.floor(y + share * dy + 0.5) * width + Math.floor(x + share * dx + 0.5);
+  });
+}
+
+/** The twin of profile(…, level=True): [along, height, σ] of the pixels between two. */
+export function profile(surface, i, j) {
+  const { header, reason, sigma } = surface;
   const first = pointAt(surface, i);
   const along = unit(minus(pointAt(surface, j), first));
   const upward = [0, 0, header.away ? -1 : 1];
   const up = unit(minus(upward, times(along, dot(upward, along))));
-  const n = Math.max(Math.abs(dx), Math.abs(dy));
-  return Array.from({ length: n + 1 }, (_, k) => {
-    const at = Math.floor(y + (k / n) * dy + 0.5) * width + Math.floor(x + (k / n) * dx + 0.5);
+  return between(surface, i, j).map((at) => {
     if (reason[at]) return [NaN, NaN, NaN];
     const offset = minus(pointAt(surface, at), first);
     return [dot(offset, along), dot(offset, up), Math.abs(dot(rayAt(surface, at), up)) * sigma[at]];

@@ -1,15 +1,16 @@
 // What lies over a panel of the picture: axes, marks, the point that is pointed at, and flags.
 
+import { drawProfile } from "./lines.js";
 import { make } from "./numbers.js";
 
 const AXIS_PX = 28;
 
 /** Axes, marks of the picks and, beside another one, the name of a panel. */
 export function drawPanel(viewer, over, put) {
-  const { view, active, tools, pointed } = viewer;
+  const { view, active, tools, pointed, areas } = viewer;
   const at = (i) => view.project(active[0].shown.subarray(3 * i, 3 * i + 3));
   const [name, axes, ...rest] = over.children;
-  const [marks, [dot, flags]] = [rest.slice(0, 2), rest.slice(2)];
+  const [marks, [dot, flags, lines, grips]] = [rest.slice(0, 2), rest.slice(2)];
   name.hidden = active.length < 2;
   for (const [k, axis] of [...axes.children].entries()) {
     const [line, text] = axis.children;
@@ -23,6 +24,10 @@ export function drawPanel(viewer, over, put) {
     mark.hidden = i === undefined;
     if (!mark.hidden) put(mark, ...at(i));
   }
+  const [profile, outlines] = lines.children;
+  // The surface of this panel: its own marks, and areas on the first one.
+  drawProfile(viewer, profile);
+  areas?.draw(active[0], outlines, grips, put);
   dot.hidden = !(pointed >= 0) || Boolean(active[0].reason[pointed]);
   if (!dot.hidden) put(dot, ...at(pointed));
   const shown = active[0].header.flags ?? [];

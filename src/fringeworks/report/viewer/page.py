@@ -24,6 +24,7 @@ MODULES = (
     "unpack",
     "mesh",
     "measure",
+    "lines",
     "fit",
     "scene",
     "view",

@@ -2,13 +2,14 @@
 
 import { LAYERS } from "./assets.js";
 import { fitRegion } from "./fit.js";
-import { distance, pointAt, profile } from "./measure.js";
+import { between, distance, pointAt, profile } from "./measure.js";
 import { within } from "./mesh.js";
 import { decimals, fixed, make, number, sigmaText } from "./numbers.js";
 
 const REACH_PX = [6, 40]; // how far from a point the cursor may be; more between sparse points
 const BEHIND = 1e6; // added to the distance of pixels without a value: measured ones come first
 const POINT_MM = 0.01; // σ whose digits places have that have none: whole micrometres
+const CHART_ROOM = 0.06; // above and below a profile, share of its range
 const HINTS = {
   turn: "",
   distance: "Pick two points.",
@@ -142,6 +143,8 @@ export class Tools {
   chart(samples, unit, digits) {
     const { ui } = this;
     this.samples = samples;
+    this.along = between(this.owner, ...this.picks);
+    this.digits = digits;
     const known = samples.filter(([along]) => !Number.isNaN(along));
     const [alongs, heights] = [0, 1].map((k) => known.map((values) => values[k]));
     const [left, right] = [Math.min(...alongs), Math.max(...alongs)];
@@ -152,12 +155,38 @@ export class Tools {
     line.setAttribute("d", path.join(""));
     const reach = ([x, y, sigma]) => `M${x} ${-y - (sigma || 0)}V${(sigma || 0) - y}`;
     band.setAttribute("d", known.map(reach).join(""));
-    const size = `${right - left || 1} ${high - low || 1e-9}`;
-    ui.curves.setAttribute("viewBox", `${left} ${-high} ${size}`);
+    const room = CHART_ROOM * (high - low || 1e-9);
+    const size = `${right - left || 1} ${(high - low || 1e-9) + 2 * room}`;
+    ui.curves.setAttribute("viewBox", `${left} ${-high - room} ${size}`);
+    this.chartBox = [-high - room, high - low + 2 * room];
+    this.cursorAt(-1);
     ui.chartTop.textContent = `Height over the line A–B: ${fixed(high, digits)} ${unit}`;
     ui.chartLow.textContent = fixed(low, digits);
     ui.chartEnd.textContent = `B, ${fixed(right, digits)} ${unit}`;
     ui.chart.hidden = false;
+  }
+
+  /** A place of the profile is pointed at: its values, and its point on the surface. */
+  slide({ offsetX }) {
+    const share = Math.min(Math.max(offsetX / this.ui.curves.clientWidth, 0), 1);
+    const { x, width } = this.ui.curves.viewBox.baseVal;
+    const far = ([along]) => (Number.isNaN(along) ? Infinity : Math.abs(along - x - share * width));
+    const best = this.samples.reduce((k, one, n, all) => (far(one) < far(all[k]) ? n : k), 0);
+    this.viewer.point(this.along[best]);
+  }
+
+  /** Mark a pixel in the profile, if it has it. */
+  cursorAt(pixel) {
+    if (this.ui.chart.hidden || !this.along) return;
+    const k = this.along.indexOf(pixel);
+    const [x, y, sigma] = this.samples[k] ?? [NaN];
+    const [top, height] = this.chartBox;
+    const there = !Number.isNaN(x);
+    this.ui.curves.children[2].setAttribute("d", there ? `M${x} ${top}v${height}` : "");
+    const unit = this.owner.header.unit;
+    const spread = there && !Number.isNaN(sigma) ? ` ± ${sigmaText(sigma)}` : "";
+    const [along, over] = [x, y].map((v) => fixed(v, this.digits));
+    this.ui.chartAt.textContent = there ? `${along} ${unit}: ${over}${spread} ${unit}` : "";
   }
 
   /** Fit a body to the measured points that are shown in a rectangle of the stage. */

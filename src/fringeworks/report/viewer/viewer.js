@@ -2,6 +2,7 @@
 
 import { LAYERS, SCALES, TEMPLATE, VIEWS } from "./assets.js";
 import { Input } from "./input.js";
+import { Areas } from "./lines.js";
 import { difference } from "./measure.js";
 import { decimals, filled, fixed, make, number, percent } from "./numbers.js";
 import { drawPanel } from "./overlay.js";
@@ -26,6 +27,7 @@ const BAR_PX = 180; // largest length of the scale bar
 
 /** A viewer in an element. Its payloads are those given, or the scripts in the element. */
 export class FringeViewer {
+  static Areas = Areas; // for pages in which areas are drawn: `viewer.areas` is one
   static numbers = { decimals, fixed, number }; // for the maps of a report
 
   constructor(element, payloads = null) {
@@ -89,6 +91,7 @@ export class FringeViewer {
     if (pixel === this.pointed) return;
     this.pointed = pixel;
     if (!told) this.onPoint?.(pixel);
+    this.tools.cursorAt(pixel);
     this.drawOver();
   }
 
@@ -348,6 +351,7 @@ export class FringeViewer {
   listen() {
     const { ui, root } = this;
     this.input = new Input(this);
+    ui.curves.addEventListener("pointermove", (event) => this.tools.slide(event));
     ui.panel.addEventListener("submit", (event) => event.preventDefault());
     // The template names the method for each control.
     const call = ({ target, type }) => {

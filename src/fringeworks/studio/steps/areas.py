@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import html
+import json
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -10,32 +10,70 @@ from typing import Any
 from nicegui import ui
 
 from fringeworks.serving.worker import Job
-from fringeworks.studio.steps.parts import Step, described, disclosure, named, work
+from fringeworks.studio.steps.parts import Step, checked, disclosure, named, work
+from fringeworks.studio.steps.parts import number as number_field
 from fringeworks.types import Area, InputError, PartTolerance
 from fringeworks.types.numbers import limit, number, sigma_text
 from fringeworks.types.recipe import FROM_MODEL, QUANTITIES
 
 EVERYWHERE = "everywhere"
 """Choice for measuring the whole frame."""
-LEAST_DRAG_PX = 3
-"""A drag that is shorter is a click, px of the screen."""
-LINE = 'fill="none" stroke="#ff2d95" vector-effect="non-scaling-stroke" stroke-width="2"'
-"""How outlines are drawn."""
-NAMED = 'fill="#ff2d95" stroke="black" stroke-width="3" paint-order="stroke" font-size="14"'
-"""How names are drawn: with a dark outline, on bright and dark pictures."""
+HOW = (
+    "Drag a box over the picture, or click the corners of a polygon and close it; or choose Region "
+    "in the viewer, drag a rectangle over the surface, and make it an area. Handles change areas "
+    "on the picture and on the surface; arrow keys move a handle by 1 px, with Shift by 10 px."
+)
+"""How areas are drawn."""
+ENDS = ("first column", "first row", "last column", "last row")
+"""Numbers of a box."""
+MOST_PX = 100_000
+"""Largest column or row that can be typed."""
 COLUMNS = ("Tolerance", "Value", "± σ", "Unit", "Limits", "Verdict")
 """Columns of the verdicts."""
 
 
-def areas(step: Step, source: Callable[[], str | None], measured: Callable[[], None]) -> Areas:
-    """Draw areas on the picture of a source, and judge tolerances in them.
+def areas(
+    step: Step,
+    source: Callable[[], str | None],
+    measured: Callable[[], None],
+    surface: Callable[[], str],
+) -> Areas:
+    """Draw areas on the picture and the surface of a source, and judge tolerances in them.
 
-    ``measured`` is called to measure again after the area that confines it has changed.
+    ``measured`` is called to measure again after the area that confines it has changed; ``surface``
+    gives the identifier of the element that holds the viewer.
     """
     found: list[Areas] = []
     with disclosure("Areas and tolerances", lambda: found[0].opened()):
-        found.append(Areas(step, source, measured))
+        found.append(Areas(step, source, measured, surface))
     return found[0]
+
+
+def area_of(corners: Any, *, box: bool) -> Area:
+    """An area of corners that the page or a user gives.
+
+    Raises
+    ------
+    InputError for anything but pairs of numbers.
+    """
+    try:
+        places = tuple((float(x), float(y)) for x, y in corners)
+    except (TypeError, ValueError):
+        raise InputError("area: expected corners as column, row; column, row; …") from None
+    if not box:
+        return Area(polygon=tuple((round(x, 1), round(y, 1)) for x, y in places))
+    columns, rows = zip(*places, strict=True)
+    ends = (min(columns), min(rows), max(columns), max(rows))
+    left, top, right, bottom = (round(v) for v in ends)
+    return Area(box=(left, top, right, bottom))
+
+
+def corners_of(area: Area) -> list[tuple[float, float]]:
+    """The corners of a box or a polygon, in their order around it."""
+    if area.box is None:
+        return [(float(x), float(y)) for x, y in area.polygon or ()]
+    left, top, right, bottom = area.box
+    return [(left, top), (right, top), (right, bottom), (left, bottom)]
 
 
 class Areas:
@@ -46,32 +84,30 @@ class Areas:
         step: Step,
         source: Callable[[], str | None],
         measured: Callable[[], None],
+        surface: Callable[[], str],
     ) -> None:
         self._step, self._studio, self._source = step, step.studio, source
-        self._measured = measured
-        self._corners: list[tuple[float, float]] = []
-        self._scale, self._size = 1, (1, 1)
+        self._measured, self._surface = measured, surface
+        self._unfolded = False
         with ui.row().classes("fw-fields"):
-            self._shape = ui.toggle({"box": "Box", "polygon": "Polygon"}, value="box")
+            self._shape = ui.toggle(
+                {"box": "Box", "polygon": "Polygon"}, value="box", on_change=self._outline
+            )
             self._shape.props("no-caps")
             self._name = ui.input("Name of the next area", value=self._next_name()).classes(
                 "fw-field"
             )
-            close = step.attempt(self._close_polygon)
-            for name, action in (("Close the polygon", close), ("Undo corner", self._undo_corner)):
-                button = ui.button(name, on_click=action).props("flat no-caps")
+            for name, action in (("Close the polygon", "close"), ("Undo corner", "back")):
+                button = ui.button(name, on_click=partial(self._ask, action))
+                button.props("flat no-caps")
                 button.bind_visibility_from(self._shape, "value", lambda v: v == "polygon")
-        ui.label(
-            "Drag a box over the picture, or click the corners of a polygon and close it."
-        ).classes("fw-quiet")
-        self._picture = ui.interactive_image(
-            cross="#ff2d95", events=["mousedown", "mouseup", "mouseleave"]
-        ).classes("fw-live")
-        self._picture.on_mouse(self._mouse)
-        described(self._picture, "What the camera saw, with the areas that are drawn")
-        # Prevent the browser's own drag of the picture.
-        for event in ("dragstart", "mousedown"):
-            self._picture.on(event, js_handler="(event) => event.preventDefault()")
+            region = ui.button("Area from the region", on_click=partial(self._ask, "region"))
+            region.props("flat no-caps")
+        ui.label(HOW).classes("fw-quiet fw-words")
+        self._picture = ui.element("div").classes("fw-picture").props('role="group"')
+        self._picture.props["aria-label"] = "What the camera saw, with the areas that are drawn"
+        self._picture.props["data-alt"] = "What the camera saw"
+        ui.on("fw-area", self._drawn_area)
         work(step, ("drawing the picture",), self._drawn)
         self._fault = ui.label().classes("fw-bad").props('role="alert"')
         self._list()
@@ -83,8 +119,14 @@ class Areas:
 
     def opened(self) -> None:
         """Show the picture, when this part of the page is unfolded."""
+        self._unfolded = True
         self._fault.set_text(self._studio.recipes.fault)
         self._show_picture()
+
+    def shown(self) -> None:
+        """The surface was drawn: show the areas on it as well, once they are asked for."""
+        if self._unfolded:
+            self._outline()
 
     def _judged(self, job: Job) -> None:
         self._step.session.verdict = job.result
@@ -103,35 +145,47 @@ class Areas:
             )()
 
     def _drawn(self, job: Job) -> None:
-        self._scale, self._size = job.result["step"], job.result["size"]
-        self._picture.set_source(f"/surface/{self._step.session.picture}")
+        source = f"/surface/{self._step.session.picture}"
+        self._call("load", source, job.result["step"], job.result["size"])
         self._outline()
 
-    def _mouse(self, event: Any) -> None:
-        columns, rows = self._size
-        at = (
-            min(max(event.image_x * self._scale, 0.0), columns - 1.0),
-            min(max(event.image_y * self._scale, 0.0), rows - 1.0),
-        )
-        if self._shape.value == "polygon":
-            if event.type == "mouseup":
-                self._corners.append(at)
-                self._outline()
-            return
-        if event.type == "mousedown":
-            self._corners = [at]
-        elif self._corners:
-            (x0, y0), (x1, y1) = self._corners[0], at
-            self._corners = []
-            if max(abs(x1 - x0), abs(y1 - y0)) < LEAST_DRAG_PX * self._scale:
-                return
-            box = (min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1))
-            left, top, right, bottom = (round(v) for v in box)
-            self._step.attempt(lambda: self._add(Area(box=(left, top, right, bottom))))()
+    def _call(self, function: str, *given: Any) -> None:
+        """Call a function of the page's script for areas."""
+        words = ", ".join(map(json.dumps, (self._picture.html_id, *given)))
+        ui.run_javascript(f"import('/areas.js').then((areas) => areas.{function}({words}))")
 
-    def _close_polygon(self) -> None:
-        corners, self._corners = tuple(self._corners), []
-        self._add(Area(polygon=corners))
+    def _ask(self, function: str) -> None:
+        self._call(function)
+
+    def _drawn_area(self, event: Any) -> None:
+        """An area was drawn or dragged, on the picture or on the surface."""
+        self._step.attempt(partial(self._take, event.args))()
+
+    def _take(self, given: Any) -> None:
+        what, *rest = given
+        if what == "none":
+            raise InputError("There is no region: choose Region in the viewer, drag a rectangle.")
+        name, corners = rest
+        try:
+            if what == "new":
+                self._add(area_of(corners, box=name == "box"))
+            else:
+                self._move(str(name), corners)
+        except InputError:
+            self._outline()
+            raise
+
+    def _move(self, name: str, corners: Any) -> None:
+        known = self._studio.recipes.shown.areas.get(name)
+        if known is None:
+            raise InputError(f"{name}: expected an area of the recipe, got none")
+        self._replace(name, area_of(corners, box=known.box is not None))
+
+    def _replace(self, name: str, area: Area) -> None:
+        self._studio.recipes.move_area(name, area)
+        self._changed()
+        if self._studio.recipes.shown.within == name:
+            self._measured()
 
     def _add(self, area: Area) -> None:
         self._studio.recipes.set_area(str(self._name.value), area)
@@ -142,10 +196,6 @@ class Areas:
         taken = self._studio.recipes.shown.areas
         return next(n for k in range(1, 10_000) if (n := f"area-{k}") not in taken)
 
-    def _undo_corner(self) -> None:
-        del self._corners[-1:]
-        self._outline()
-
     def _changed(self) -> None:
         self.forget()
         self._outline()
@@ -153,42 +203,63 @@ class Areas:
         self._tolerances.refresh()
 
     def _outline(self) -> None:
-        """Draw the outlines of all areas over the picture."""
-        parts = []
-        for name, area in self._studio.recipes.shown.areas.items():
-            corners = area.polygon
-            if area.box is not None:
-                left, top, right, bottom = area.box
-                corners = ((left, top), (right, top), (right, bottom), (left, bottom))
-            if corners is None:
-                continue
-            parts.append(f'<polygon points="{self._points(corners)}" {LINE} />')
-            x, y = (v / self._scale for v in corners[0])
-            parts.append(f'<text x="{x:.1f}" y="{y - 3:.1f}" {NAMED}>{html.escape(name)}</text>')
-        if self._corners:
-            parts.append(f'<polyline points="{self._points(self._corners)}" {LINE} />')
-        self._picture.set_content("".join(parts))
-
-    def _points(self, corners: Any) -> str:
-        return " ".join(f"{x / self._scale:.1f},{y / self._scale:.1f}" for x, y in corners)
+        """Draw the outlines of all areas over the picture and on the surface."""
+        found = [
+            {"name": name, "box": area.box is not None, "corners": corners_of(area)}
+            for name, area in self._studio.recipes.shown.areas.items()
+            if area.box is not None or area.polygon is not None
+        ]
+        shown = self._step.session.shown
+        every = 0
+        if shown is not None and shown.source == self._source() and shown.result:
+            every = shown.result["every"]
+        self._call("show", found, self._shape.value, self._surface(), every)
 
     @ui.refreshable_method
     def _list(self) -> None:
         recipe = self._studio.recipes.shown
         if not recipe.areas:
             return
-        with ui.row().classes("items-center"):
-            for name in recipe.areas:
+        for name, area in recipe.areas.items():
+            with ui.row().classes("fw-fields"):
                 remove = self._step.attempt(partial(self._remove_area, name))
                 button = ui.button(f"{name} ✕", on_click=remove)
                 button.props("flat dense no-caps")
                 named(button, f"Delete {name}")
+                self._numbers(name, area)
+        with ui.row().classes("items-center"):
             ui.select(
                 [EVERYWHERE, *recipe.areas],
                 label="Measure only",
                 value=recipe.within or EVERYWHERE,
                 on_change=lambda event: self._confine(event.value),
             ).classes("fw-field")
+
+    def _numbers(self, name: str, area: Area) -> None:
+        """Fields of an area's columns and rows."""
+        if area.box is not None:
+            fields = [
+                number_field(f"{name}: {end}", value=value, low=-MOST_PX, high=MOST_PX, whole=True)
+                for end, value in zip(ENDS, area.box, strict=True)
+            ]
+            for field in fields:
+                field.classes("fw-narrow")
+                typed = self._step.attempt(partial(self._typed_box, name, fields))
+                field.on("change", typed)
+        elif area.polygon is not None:
+            text = "; ".join(f"{x:g}, {y:g}" for x, y in area.polygon)
+            corners = ui.input(f"{name}: column, row; …", value=text).classes("fw-wide")
+            typed = self._step.attempt(partial(self._typed_polygon, name, corners))
+            corners.on("change", typed)
+
+    def _typed_box(self, name: str, fields: Sequence[ui.number]) -> None:
+        left, top, right, bottom = (checked(field) for field in fields)
+        if None not in (left, top, right, bottom):
+            self._replace(name, Area(box=(int(left), int(top), int(right), int(bottom))))  # type: ignore[arg-type]
+
+    def _typed_polygon(self, name: str, field: ui.input) -> None:
+        corners = [pair.split(",") for pair in str(field.value or "").split(";") if pair.strip()]
+        self._replace(name, area_of(corners, box=False))
 
     def _remove_area(self, name: str) -> None:
         self._studio.recipes.remove_area(name)

@@ -86,7 +86,7 @@ class _Look:
         self._below = ui.column()
         with disclosure("Compare with a drawing (CAD)"):
             self._drawing()
-        self._areas = areas(step, lambda: self._source.value, self._recompute)
+        self._areas = areas(step, lambda: self._source.value, self._recompute, lambda: self._mount)
         self._offer()
         if self._session.shown is not None:
             ui.timer(SHOWN_S, self._draw, once=True)
@@ -199,6 +199,7 @@ class _Look:
             if shown.result["every"] > 1:
                 ui.label(f"Shown: one of {shown.result['every']} columns and rows.")
             show_findings(shown.result["figures"])
+        self._areas.shown()
 
 
 def _place(source: str, method: str, options: dict[str, Any]) -> Place:

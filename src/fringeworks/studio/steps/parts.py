@@ -109,12 +109,14 @@ def plot(step: Step, name: str, alt: str) -> None:
         return
     stamp = path.stat().st_mtime_ns
     frame = ui.element("div").classes("fw-scroll")
-    frame.props(f'tabindex=0 role="region" aria-label="{alt}"')
+    frame.props('tabindex=0 role="region"')
+    frame.props["aria-label"] = alt
     with frame, ui.element("picture"):
         if dark.is_file():
             source = ui.element("source").props('media="(prefers-color-scheme: dark)"')
             source.props["srcset"] = f"/file/{DARK_FOLDER}/{name}?{stamp}"
-        picture = ui.element("img").classes("fw-figure").props(f'alt="{alt}"')
+        picture = ui.element("img").classes("fw-figure")
+        picture.props["alt"] = alt
         picture.props["src"] = f"/file/{name}?{stamp}"
     ui.link("Open the picture in a page of its own", f"/file/{name}?{stamp}", new_tab=True)
 

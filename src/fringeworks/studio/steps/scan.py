@@ -8,15 +8,14 @@ from typing import Any
 from nicegui import ui
 
 from fringeworks.scan.bench import Take
-from fringeworks.serving.worker import Job
 from fringeworks.studio.places import Place
+from fringeworks.studio.steps import together
 from fringeworks.studio.steps.live import live_points
 from fringeworks.studio.steps.parts import (
     UPDATE_S,
     Step,
     checked,
     devices,
-    finding_lines,
     heading,
     number,
     place_link,
@@ -62,13 +61,8 @@ class _Scan:
         self._problem = ui.label().classes("fw-bad fw-lines").props('role="alert"')
         work(step, ("scan",), devices=True)
         ui.timer(UPDATE_S, self._update)
-        with ui.row().classes("fw-fields"):
-            self._board = ui.input("Board on the turntable, if any").classes("fw-wide")
-            merge = step.attempt(self._merge)
-            ui.button("Merge the views", on_click=merge).props("outline no-caps")
-        work(step, ("merging",), self._merged)
-        self._merging = ui.label().classes("fw-lines").props('role="status"')
         self._taken()
+        together.build(step)
         live_points(step)
 
     def _start(self) -> None:
@@ -108,20 +102,6 @@ class _Scan:
                 return
             self._name.set_value(self._next())
             self._taken.refresh()
-
-    def _merge(self) -> None:
-        """Merge the scans of the last series."""
-        series = self._studio.series
-        taken = [] if series is None or series.running else list(series.taken)
-        name = f"{taken[0].rpartition('-')[0]}-merged" if taken else ""
-        turn, board = checked(self._turn) or 0.0, str(self._board.value or "").strip()
-        self._studio.merge_views(self._step.session, taken, board, turn, name)
-
-    def _merged(self, job: Job) -> None:
-        found = job.result
-        said = f"{found['points']} points of {found['views']} views: {found['file']}."
-        self._merging.set_text("\n".join([said, *(line for line, _ in finding_lines(found))]))
-        self._step.attempt(partial(self._look, found["file"]))()
 
     def _look(self, capture: str) -> None:
         self._step.go("look", capture)

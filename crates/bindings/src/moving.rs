@@ -90,6 +90,6 @@ pub fn warp_by_flow<'py>(
     time: f32,
 ) -> PyResult<Map<'py>> {
     let (image, flow) = (image_of(&values)?, rows_of(&flow)?);
-    let found = detached(py, || warp::warped(image, flow, time))?;
+    let found = detached(py, || warp::warp_by_flow(image, flow, time))?;
     Ok(array_of(py, image.shape(), found))
 }

@@ -300,7 +300,7 @@ class MotionPath:
         alike = np.stack([one.alike for one in self._kept])[:, None]
         reach = np.abs(off) + 2.0 * np.sqrt(variance)
         far = np.maximum(far, np.max(np.where(alike, reach, 0.0), axis=0))
-        return np.maximum(np.sqrt(second), 0.5 * far)
+        return np.asarray(np.maximum(np.sqrt(second), 0.5 * far))
 
     @property
     def vibrations(self) -> dict[float, FloatMap]:

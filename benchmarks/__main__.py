@@ -13,6 +13,7 @@ from benchmarks import (  # noqa: F401
     files,
     growth,
     inversion,
+    moving,
     phases,
     triangulation,
 )

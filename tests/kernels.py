@@ -108,6 +108,8 @@ def results():
     ball = np.random.default_rng(1).normal(size=(300, 3))
     ball *= 20.0 / np.linalg.norm(ball, axis=1, keepdims=True)
     found.append(fit_form(ball, "sphere").distance_mm)
+    drift = np.full((*frames[0].shape, 2), 0.3, np.float32)
+    found.append(_core.warp_by_flow(frames[0].astype(np.float32), drift, 2.0))
     powers = np.vander(np.linspace(-1, 1, 200), 3).T.copy()
     found.append(_core.robust_fit(
         powers, np.sin(7 * powers[1]), np.ones(200), {"fits": 12, "least": 0.1, "most": 4.7})[0])

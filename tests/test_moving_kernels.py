@@ -63,6 +63,24 @@ def test_samples_are_turned_back_in_place(steps):
     assert np.abs(square).max() < 1e-3
 
 
+@pytest.mark.parametrize("shape", [(1, 9), (2, 2), (5, 1), (31, 70), (90, 48)])
+def test_maps_are_moved_as_by_scipy(shape):
+    rng = np.random.default_rng(sum(shape))
+    values = rng.uniform(0.0, 255.0, shape).astype(np.float32)
+    flow = rng.normal(0.0, 0.7, (*shape, 2)).astype(np.float32)
+    flow[rng.random(shape) < 0.3] = 0.0
+    flow[rng.random(shape) < 0.1, 0] = 1.0
+    flow[rng.random(shape) < 0.1, 1] = 0.0
+    if values.size > 100:
+        values[3, 4:9], values[20, 30] = np.nan, np.inf
+    for time in (-2.5, 1.0, 3.25):
+        found = _core.warp_by_flow(values, flow, time)
+        wanted = oracle.warped(values, flow, time)
+        np.testing.assert_allclose(found, wanted, atol=1e-4)
+    still = np.zeros_like(flow)
+    np.testing.assert_array_equal(_core.warp_by_flow(values, still, 1.0), values)
+
+
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 @pytest.mark.parametrize("orders", [(), (2, 3, 4)])
 def test_chi_of_residuals_is_that_of_numpy(dtype, orders):

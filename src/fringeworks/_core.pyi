@@ -66,6 +66,7 @@ __all__ = [
     "vote_cells",
     "vote_orders",
     "wall_sides",
+    "warp_by_flow",
     "warp_windowed",
     "wavelet_ridge_rows",
     "weighted_sums",
@@ -348,6 +349,11 @@ def turn_back(
     kept: NDArray[np.bool_],
 ) -> None:
     """Turn the samples of a set back, in place, but for marked pixels."""
+
+def warp_by_flow(
+    values: NDArray[np.float32], flow: NDArray[np.float32], time: float
+) -> NDArray[np.float32]:
+    """A map as it would be some frames earlier, what moves along the flow moved back."""
 
 def pack_vertices(
     xyz: NDArray[np.float32],

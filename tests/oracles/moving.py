@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import ndimage
 
 from fringeworks.stack.fits import parts_of_orders
 
@@ -31,6 +32,23 @@ def turned_back(samples, shifts_rad, turned_rad, c, s, kept):
     angles = shifts - np.asarray(turned_rad, float)
     moved = c * (np.cos(shifts) - np.cos(angles)) + s * (np.sin(shifts) - np.sin(angles))
     return np.asarray(samples, float) + np.where(kept, 0.0, moved)
+
+
+def warped(values, flow_px, time):
+    """The map some frames earlier by cubic splines, float32; NaN from outside and what is NaN."""
+    values = values.copy()
+    rows, columns = np.nonzero(flow_px.any(axis=-1))
+    unknown = ~np.isfinite(values)
+    spline = ndimage.spline_filter(np.where(unknown, 0.0, values), order=3, output=np.float32)
+    off = np.float32(time) * flow_px[rows, columns]
+    places = rows + off[:, 1], columns + off[:, 0]
+    moved = ndimage.map_coordinates(spline, places, order=3, prefilter=False, mode="mirror")
+    height, width = values.shape
+    outside = (places[0] < 0) | (places[0] > height - 1) | (places[1] < 0) | (places[1] > width - 1)
+    near = unknown.astype(np.float32)
+    outside |= ndimage.map_coordinates(near, places, order=1, mode="nearest") > 0
+    values[rows, columns] = np.where(outside, np.float32(np.nan), moved)
+    return values
 
 
 def residual_chi(planes, shown, scatter, lit):

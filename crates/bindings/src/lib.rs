@@ -48,7 +48,7 @@ mod _core {
     #[pymodule_export]
     use super::measure::measure_points;
     #[pymodule_export]
-    use super::moving::{fit_moving, turn_back};
+    use super::moving::{fit_moving, turn_back, warp_by_flow};
     #[pymodule_export]
     use super::png::read_grey_png;
     #[pymodule_export]

@@ -1,9 +1,10 @@
 //! Bindings of the fits of phase steps on surfaces that move.
 
-use crate::rows::{Map, array_of, rows_of, rows_of_mut};
+use crate::rows::{Map, array_of, image_of, rows_of, rows_of_mut};
 use crate::threads::detached;
 use fringeworks::moving::{self, Fitted, Turned};
-use numpy::{PyReadonlyArray2, PyReadwriteArray2, PyUntypedArrayMethods};
+use fringeworks::warp;
+use numpy::{PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 /// The angles of a set, see the kernel.
@@ -78,4 +79,17 @@ pub fn turn_back<'py>(
         };
         moving::turn_back(&mut planes, set, cosine, sine, kept)
     })
+}
+
+/// A map as it would be `time` frames earlier, with what moves along the flow moved back.
+#[pyfunction]
+pub fn warp_by_flow<'py>(
+    py: Python<'py>,
+    values: PyReadonlyArray2<'py, f32>,
+    flow: PyReadonlyArray3<'py, f32>,
+    time: f32,
+) -> PyResult<Map<'py>> {
+    let (image, flow) = (image_of(&values)?, rows_of(&flow)?);
+    let found = detached(py, || warp::warp_by_flow(image, flow, time))?;
+    Ok(array_of(py, image.shape(), found))
 }

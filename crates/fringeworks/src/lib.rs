@@ -25,6 +25,7 @@ pub mod triangulate;
 pub mod unwrap;
 pub mod vertices;
 pub mod vote;
+pub mod warp;
 pub mod wavelet;
 pub mod windowed;
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from fringeworks import _core
@@ -139,21 +138,7 @@ def warped(frame: NDArray[Any], flow_px: FloatMap | None, time: float) -> FloatM
     values = frame.astype(np.float32)
     if flow_px is None or time == 0:
         return values
-    rows, columns = np.nonzero(flow_px.any(axis=-1))
-    if not rows.size:
-        return values
-    unknown = ~np.isfinite(values)
-    spline = scipy.ndimage.spline_filter(np.where(unknown, 0.0, values), order=3, output=np.float32)
-    off = np.float32(time) * flow_px[rows, columns]
-    places = rows + off[:, 1], columns + off[:, 0]
-    moved = scipy.ndimage.map_coordinates(spline, places, order=3, prefilter=False, mode="mirror")
-    height, width = values.shape
-    outside = (places[0] < 0) | (places[0] > height - 1) | (places[1] < 0) | (places[1] > width - 1)
-    if unknown.any():
-        near = unknown.astype(np.float32)
-        outside |= scipy.ndimage.map_coordinates(near, places, order=1, mode="nearest") > 0
-    values[rows, columns] = np.where(outside, np.float32(np.nan), moved)
-    return values
+    return _core.warp_by_flow(values, np.ascontiguousarray(flow_px), float(time))
 
 
 def moved_back(frame: NDArray[Any], motion: Motion, time: float) -> FloatMap:

@@ -255,15 +255,17 @@ class MotionPath:
         )
 
     def of(
-        self, rows: NDArray[np.float64], times: NDArray[np.float64]
+        self, rows: NDArray[np.float64], times: NDArray[np.float64], unsure: int
     ) -> tuple[FloatMap, FloatMap]:
-        """Return sums of places, (q, rows, columns) of blocks, and their standard deviations.
+        """Return sums of places, (q, rows, columns) of blocks, and the last ones' deviations.
 
         Parameters
         ----------
         rows : (q, t) array
             Weights of the places at each of the times; the sum of each row is zero.
         times : (t,) array, frames
+        unsure : int
+            Number of the last rows whose standard deviations are asked for.
 
         Notes
         -----
@@ -271,24 +273,34 @@ class MotionPath:
         vibration that looks alike in the frames: how likely one of them is depends on what was
         assumed beforehand.
         """
-        places, variances = [], []
+        mean, places, variances = np.zeros((len(rows), self._seen.shape[1])), [], []
+        total = np.sum([one.weight for one in self._kept], axis=0)
         for one in self._kept:
             to_seen = rows @ self._covariance(one.kind, times, self._times) @ self._found.weights.T
-            own = np.diag(rows @ self._covariance(one.kind, times, times) @ rows.T)
-            places.append(to_seen @ one.solved)
-            told = (to_seen @ one.basis) ** 2 @ one.spread
+            place = to_seen @ one.solved
+            mean += one.weight * place
+            last = rows[-unsure:]
+            own = np.sum(last @ self._covariance(one.kind, times, times) * last, axis=1)
+            told = (to_seen[-unsure:] @ one.basis) ** 2 @ one.spread
+            places.append(place[-unsure:])
             variances.append(np.maximum(own[:, None] - told, 0.0))
-        weight = np.stack([one.weight for one in self._kept])[:, None]
-        place, variance = np.stack(places), np.stack(variances)
-        total = weight.sum(axis=0)
-        mean = np.sum(weight * place, axis=0) / total
-        second = np.sum(weight * (variance + (place - mean) ** 2), axis=0) / total
-        far = _quantile(np.sqrt(variance + (place - mean) ** 2), weight / total)
-        alike = np.stack([one.alike for one in self._kept])[:, None]
-        reach = np.abs(place - mean) + 2.0 * np.sqrt(variance)
-        far = np.maximum(far, np.max(np.where(alike, reach, 0.0), axis=0))
-        sigma = np.maximum(np.sqrt(second), 0.5 * far)
+        mean /= total
+        sigma = self._deviations(np.stack(places) - mean[-unsure:], np.stack(variances), total)
         return mean.reshape(-1, *self._shape), sigma.reshape(-1, *self._shape)
+
+    def _deviations(
+        self, off: NDArray[np.float64], variance: NDArray[np.float64], total: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Standard deviations of places, from each hypothesis's distance to their mean and
+        variance, (hypotheses, q, blocks), and the sum of the weights of every block."""
+        weight = np.stack([one.weight for one in self._kept])[:, None] / total
+        square = variance + off**2
+        second = np.sum(weight * square, axis=0)
+        far = _quantile(np.sqrt(square), weight)
+        alike = np.stack([one.alike for one in self._kept])[:, None]
+        reach = np.abs(off) + 2.0 * np.sqrt(variance)
+        far = np.maximum(far, np.max(np.where(alike, reach, 0.0), axis=0))
+        return np.asarray(np.maximum(np.sqrt(second), 0.5 * far))
 
     @property
     def vibrations(self) -> dict[float, FloatMap]:
@@ -318,7 +330,11 @@ def _alike(
 
 def _quantile(far: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
     """Distance within which ``WITHIN`` of the weight along the first axis is."""
-    order = np.argsort(far, axis=0)
-    sums = np.cumsum(np.take_along_axis(np.broadcast_to(weight, far.shape), order, axis=0), axis=0)
-    place = np.argmax(sums >= WITHIN, axis=0)[None]
-    return np.asarray(np.take_along_axis(np.take_along_axis(far, order, axis=0), place, axis=0)[0])
+    # Sorting is quicker along the last axis, whose values lie side by side in memory.
+    far = np.ascontiguousarray(np.moveaxis(far, 0, -1))
+    order = np.argsort(far, axis=-1)
+    own = np.broadcast_to(np.moveaxis(weight, 0, -1), far.shape)
+    sums = np.cumsum(np.take_along_axis(own, order, axis=-1), axis=-1)
+    place = np.argmax(sums >= WITHIN, axis=-1)[..., None]
+    nearest = np.take_along_axis(order, place, axis=-1)
+    return np.asarray(np.take_along_axis(far, nearest, axis=-1)[..., 0])

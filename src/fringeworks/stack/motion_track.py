@@ -30,6 +30,9 @@ KEPT = 3
 IN_SETS = 1.0
 """Time over which a wrong velocity acts while the frames of a set are taken, frames: sets of three
 to eight steps have 0.5 to 1.5."""
+UNSURE_SUMS = 2
+"""Number of sums of places whose standard deviation a moment needs: the coordinate that its sets
+tell, and the velocity in the finest set. They are the last two of ``MotionTrack._rows``."""
 
 
 class MotionTrack:
@@ -97,15 +100,15 @@ class MotionTrack:
         path: dict[Axis, dict[float, FloatMap]] = {}
         sigma: dict[Axis, FloatMap] = {}
         for axis in self._plan.axes:
-            found, unsure = self._paths[axis].of(*self._rows(axis, order, middle))
             count = len(order)
+            found, unsure = self._paths[axis].of(*self._rows(axis, order, middle), UNSURE_SUMS)
             own = motion.velocity_px[axis] - whole(self._steady[nearest][axis], shape)
             path[axis] = {
                 k - middle: whole(found[i], shape) + np.float32(k - middle) * own
                 for i, k in enumerate(order)
             }
             velocity[axis] = whole(found[count], shape) + own
-            spread = np.hypot(unsure[count + 1], IN_SETS * unsure[count + 2])
+            spread = np.hypot(unsure[0], IN_SETS * unsure[1])
             sigma[axis] = whole(spread, shape)
         return replace(motion, velocity_px=velocity, path_px=path, path_sigma_px=sigma)
 

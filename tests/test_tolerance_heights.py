@@ -14,7 +14,6 @@ from fringeworks.evaluate.tolerances.local_heights import (
     parts_of_heights,
 )
 from fringeworks.evaluate.tolerances.smooth import smooth
-from fringeworks.evaluate.tolerances.uncertain import _growth
 
 pytestmark = pytest.mark.statistical
 
@@ -109,19 +108,3 @@ def test_a_dent_keeps_its_depth():
     assert abs(np.mean(bottom)) < 0.9
     assert abs(np.mean(flat)) < 0.9
     assert np.sqrt(np.mean(np.square([*bottom, *flat]))) < 1.5
-
-
-@pytest.mark.parametrize("power", [0.5, 0.6, 0.8, 1.0])
-def test_what_noise_adds_is_told_from_its_growth(power):
-    """A value 7 + 2 vᵖ at the variances 1, 2 and 3: at 2, without what noise adds, it is 7."""
-    seen, likely, again = (7.0 + 2.0 * v**power for v in (1.0, 2.0, 3.0))
-    factor, sigma = _growth(again - seen)
-    off = likely - factor * (again - seen) - 7.0
-    assert abs(off) <= 3.0**0.5 * sigma + 1e-12
-    assert sigma < 0.35 * (again - seen)
-
-
-def test_a_value_that_shrinks_is_left_as_it_is():
-    factor, sigma = _growth(-3.0)
-    assert factor == 0.0
-    assert sigma == pytest.approx(3.0**0.5)

@@ -36,18 +36,16 @@ def quantified(value: Value, skins: Sequence[Skin]) -> Quantified:
 
     Notes
     -----
-    The posterior of likely surfaces, see ``likely``, gives the mean of the value and its scatter.
-    A form with several equal peaks, or with one on an even ground, is no typical draw of the prior:
-    noise adds a vᵖ to its range, with the variance v and p from 0.5 to 1 as in ``_of_points``. How
-    much is told by a parametric bootstrap (Efron & Tibshirani, An introduction to the bootstrap,
-    1993, ch. 10): the mean surface is measured again, under new noise. The mean surface has the
-    noise of one measurement, likely surfaces that of two, and likely ones of it that of three. The
-    growth a (3ᵖ − 1) from the first to the last tells a 2ᵖ, which is taken off; p is as likely
-    anywhere between its limits.
+    The value is the mean of its posterior: of likely surfaces, see ``likely``. Forms with several
+    equal peaks, or with one alone, are no draws of its prior, and bias it. How much is told by a
+    parametric bootstrap (Efron & Tibshirani, An introduction to the bootstrap, 1993, ch. 10): the
+    mean surface is measured again, under new noise, and what that mean exceeds the value of the
+    mean surface by is taken off. For the true form, the bias may be none or twice as much: it is as
+    uncertain as it is large.
 
     A value that shrinks instead loses peaks to smoothing for a second time. Whether the first time
     has cost as much is not known, because likely surfaces restore what their prior expects of the
-    peaks. Nothing is added; the loss is a limit of the error to either side.
+    peaks. Nothing is added; the loss is as uncertain as it is large.
 
     Where no spline describes a surface, see ``_of_points``. Each independent part of the
     calibration's errors moves all surfaces at once by one standard deviation to either side.
@@ -62,24 +60,16 @@ def quantified(value: Value, skins: Sequence[Skin]) -> Quantified:
         for side in range(2):
             likely[k, side] = value([one.likely[side] for one in noises])
             again[k, side] = value([one.again[side] for one in noises])
-    factor, uncertain = _growth(float(again.mean()) - seen)
-    pairs = likely.mean(axis=1) - factor * (again.mean(axis=1) - seen)
+    bias = float(again.mean()) - seen
+    pairs = (likely - again if bias > 0.0 else likely).mean(axis=1)
     parts = (
         Share("noise", float(np.std(likely, ddof=1)), DRAWS - 1.0),
         Share("noise", float(np.std(pairs, ddof=1)) / len(pairs) ** 0.5, len(pairs) - 1.0),
         *common_shares(value, skins),
-        Share("form filter", uncertain),
+        Share("form filter", abs(bias)),
     )
-    return Quantified(max(float(pairs.mean()), 0.0), joined(parts), "mm")
-
-
-def _growth(grown: float) -> tuple[float, float]:
-    """What noise has added to the mean of likely surfaces, over the growth of the mean surface when
-    it is measured again, and the standard deviation of what was added, mm."""
-    if grown <= 0.0:
-        return 0.0, -grown / 3.0**0.5
-    most, least = (2.0**power / (3.0**power - 1.0) for power in POWERS)
-    return 0.5 * (most + least), grown * (most - least) / 12.0**0.5
+    found = float(likely.mean()) - max(bias, 0.0)
+    return Quantified(max(found, 0.0), joined(parts), "mm")
 
 
 def _of_points(value: Value, skins: Sequence[Skin], seen: float) -> Quantified:

@@ -92,7 +92,7 @@ def dented(rng, noise):
 
 
 def test_a_dent_keeps_its_depth():
-    """One height for all of the area cuts off the bottom of the dent by 2.3 σ on average."""
+    """One height for all of the area makes the dent 2.3 σ too shallow on average."""
     noise, bottom, flat = 0.01, [], []
     for seed in range(12):
         rng = np.random.default_rng([seed, 9])

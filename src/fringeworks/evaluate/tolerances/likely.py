@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from fringeworks.evaluate.tolerances.local_heights import (
+    LENGTH,
+    local_heights,
+    parts_of_heights,
+)
 from fringeworks.types import FloatMap
 
 LENGTH_RATIO = 1.4
@@ -45,6 +50,42 @@ class Roughness:
     """Standard deviations of the form, (h,), mm."""
     evidence: FloatMap
     """Logarithm of the evidence of each height, (h,)."""
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Lengths and heights of form that are tried, with one course of the height over the area."""
+
+    roots: list[FloatMap]
+    """Parts of the form along a side for each length, (side, r)."""
+    normal: FloatMap
+    """Of the equations of least squares, without what bows explain, (p, p)."""
+    right: FloatMap
+    """Of the same, (p,)."""
+    heights: FloatMap
+    """Heights that are tried, (h,), mm."""
+    local: FloatMap
+    """Factor of the height at each coefficient, (p,)."""
+    price: float
+    """Added to the logarithm of the evidence for factors that were not known before."""
+    tried: dict[Key, Roughness]
+
+    def evidence(self, key: Key) -> float:
+        """Try two lengths; return the logarithm of their evidence, of all heights together."""
+        waves = self.local[:, None] * np.kron(self.roots[key[0]], self.roots[key[1]])
+        found = _roughness(waves, self.normal, self.right, self.heights)
+        self.tried[key] = replace(found, evidence=found.evidence + self.price)
+        return float(np.logaddexp.reduce(self.tried[key].evidence))
+
+    @property
+    def best(self) -> Key:
+        """The lengths of the greatest evidence."""
+        return max(self.tried, key=lambda key: float(self.tried[key].evidence.max()))
+
+    @property
+    def top(self) -> float:
+        """The greatest logarithm of an evidence."""
+        return float(self.tried[self.best].evidence.max())
 
 
 @dataclass(frozen=True)
@@ -142,27 +183,36 @@ def likely(normal: FloatMap, right: FloatMap, side: int, rigid: FloatMap) -> Lik
     Williams, Gaussian Processes for Machine Learning, 2006, ch. 2 and 5): neighbours are alike by
     exp(−x²/2a² − y²/2b²), with two unknown lengths a and b. A priori, the lengths are uniform in
     their logarithms and the height is uniform (Gelman, Bayesian Analysis 1, 2006). All lengths and
-    heights that the values support count, by their evidence.
+    heights that the values support count, by their evidence. So do heights that vary from place to
+    place, see ``local_heights``.
     """
-    intervals = side - 3
     bows = _bows(normal, right, side, rigid)
     normal, right = bows.freed()
-    count = 1 + int(np.log(LONGEST * intervals) / np.log(LENGTH_RATIO))
+    count = 1 + int(np.log(LONGEST * (side - 3)) / np.log(LENGTH_RATIO))
     roots = [_root(side, LONGEST / LENGTH_RATIO**k) for k in range(count)]
-    heights = _heights(normal, right)
-    tried: dict[Key, Roughness] = {}
-
-    def evidence(key: Key) -> float:
-        waves = np.kron(roots[key[0]], roots[key[1]])
-        tried[key] = _roughness(waves, normal, right, heights)
-        return float(np.logaddexp.reduce(tried[key].evidence))
-
-    _search(evidence, count)
-    every = np.array([one.evidence for one in tried.values()])
-    kept = every.max(axis=1) > every.max() - UNLIKELY
-    weights = np.exp(every[kept] - every.max())
-    choices = tuple(one for one, keep in zip(tried.values(), kept, strict=True) if keep)
+    alike = Trials(roots, normal, right, _heights(normal, right), np.ones(side * side), 0.0, {})
+    _search(alike.evidence, count)
+    local = _with_local_heights(alike, side)
+    key = alike.best
+    found = {key: local.evidence(key)}
+    if local.top > alike.top - UNLIKELY:
+        _around(local.evidence, count, found)
+    every = [*alike.tried.values(), *local.tried.values()]
+    evidence = np.array([one.evidence for one in every])
+    kept = evidence.max(axis=1) > evidence.max() - UNLIKELY
+    weights = np.exp(evidence[kept] - evidence.max())
+    choices = tuple(one for one, keep in zip(every, kept, strict=True) if keep)
     return Likely(choices, weights / weights.sum(), bows)
+
+
+def _with_local_heights(alike: Trials, side: int) -> Trials:
+    """The same for heights that vary from place to place, in the way that suits the values best."""
+    one = alike.tried[alike.best]
+    root = _root(side, LENGTH)
+    height = one.heights[int(np.argmax(one.evidence))]
+    parts = parts_of_heights(root, root)
+    local, price = local_heights(height * one.waves, alike.normal, alike.right, parts)
+    return replace(alike, local=local, price=price, tried={})
 
 
 def _search(evidence: Callable[[Key], float], count: int) -> None:
@@ -172,6 +222,11 @@ def _search(evidence: Callable[[Key], float], count: int) -> None:
         found[k, k] = evidence((k, k))
         if found[k, k] < max(found.values()) - 3.0 * UNLIKELY:
             break
+    _around(evidence, count, found)
+
+
+def _around(evidence: Callable[[Key], float], count: int, found: dict[Key, float]) -> None:
+    """Try the neighbours of all lengths that are likely."""
     steps = ((1, 0), (-1, 0), (0, 1), (0, -1))
     while True:
         best = max(found.values())

@@ -39,11 +39,16 @@ def quantified(value: Value, skins: Sequence[Skin]) -> Quantified:
     The value is the mean of its posterior: of likely surfaces, see ``likely``. Forms with several
     equal peaks, or with one alone, are no draws of its prior, and bias it. How much is told by a
     parametric bootstrap (Efron & Tibshirani, An introduction to the bootstrap, 1993, ch. 10): the
-    mean surface is measured again, under new noise, and what that mean differs by from the value
-    of the mean surface is taken off. For the true form, the bias may be none or twice as much: it
-    is as uncertain as it is large. Where no spline describes a surface, see ``_of_points``. Each
-    independent part of the calibration's errors moves all surfaces at once by one standard
-    deviation to either side.
+    mean surface is measured again, under new noise, and what that mean exceeds the value of the
+    mean surface by is taken off. For the true form, the bias may be none or twice as much: it is as
+    uncertain as it is large.
+
+    A value that shrinks instead loses peaks to smoothing for a second time. Whether the first time
+    has cost as much is not known, because likely surfaces restore what their prior expects of the
+    peaks. Nothing is added; the loss is as uncertain as it is large.
+
+    Where no spline describes a surface, see ``_of_points``. Each independent part of the
+    calibration's errors moves all surfaces at once by one standard deviation to either side.
     """
     seen = value([np.zeros(len(skin.foot)) for skin in skins])
     if not all(skin.resolved for skin in skins):
@@ -56,12 +61,15 @@ def quantified(value: Value, skins: Sequence[Skin]) -> Quantified:
             likely[k, side] = value([one.likely[side] for one in noises])
             again[k, side] = value([one.again[side] for one in noises])
     bias = float(again.mean()) - seen
+    pairs = (likely - again if bias > 0.0 else likely).mean(axis=1)
     parts = (
         Share("noise", float(np.std(likely, ddof=1)), DRAWS - 1.0),
+        Share("noise", float(np.std(pairs, ddof=1)) / len(pairs) ** 0.5, len(pairs) - 1.0),
         *common_shares(value, skins),
         Share("form filter", abs(bias)),
     )
-    return Quantified(max(float(likely.mean()) - bias, 0.0), joined(parts), "mm")
+    found = float(likely.mean()) - max(bias, 0.0)
+    return Quantified(max(found, 0.0), joined(parts), "mm")
 
 
 def _of_points(value: Value, skins: Sequence[Skin], seen: float) -> Quantified:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from fringeworks.pair.bandpass import band_pass
 from fringeworks.pair.carrier import Carrier, find_carrier
 from fringeworks.pair.unwrap import unwrap
+from fringeworks.pair.waveform import SINE, Waveform, block_harmonics, common_waveform, harmonic_count
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median
 from fringeworks.types import BoolMap, FloatMap, InputError, Pair
@@ -87,6 +88,9 @@ TINY_RAD = 1e-6
 """Smallest scatter of blocks, rad, where there is no noise."""
 ADVICE = "give the pixels that show the reference plane (background), or a reference frame"
 """What to do about a background that is not found."""
+WAVEFORM_STEPS = 3
+"""Times that the phase of a block is fitted with the harmonics at its last phase: each step divides
+the rest by more than five at γ = 2.2."""
 MAX_FIT_STEPS = 30
 """Largest number of steps of the fit; it usually takes five."""
 PARTS = 4
@@ -104,7 +108,8 @@ class PlainReference(NamedTuple):
     carrier: Carrier
     """Its period and cross frequency are the medians over the plane."""
     reference: FloatMap
-    """A + B cos(phase of the plane), (h, w), counts, as captured."""
+    """A + B s(phase of the plane), (h, w), counts, as captured, with the waveform s of the
+    background's fringes."""
     sigma_px: FloatMap
     """Standard deviation of the plane's phase, as a displacement, (h, w), px, as captured. Its
     errors are common to large parts of the frame."""
@@ -130,10 +135,13 @@ class _Blocks:
     """Standard deviation of the phase by noise, rad."""
     rim: BoolMap
     """True along the rim of what shows fringes."""
+    harmonics: NDArray[np.complex128]
+    """Harmonics of the fringes over their fundamental, (n, k)."""
 
     def at(self, chosen: NDArray[np.generic]) -> _Blocks:
-        fields = (self.u, self.v, self.phase, self.amplitude, self.brightness, self.sigma, self.rim)
-        return _Blocks(*(np.asarray(values[chosen]) for values in fields))
+        fields = (self.u, self.v, self.phase, self.amplitude, self.brightness, self.sigma)
+        chosen_ones = (np.asarray(values[chosen]) for values in fields)
+        return _Blocks(*chosen_ones, rim=self.rim[chosen], harmonics=self.harmonics[chosen])
 
 
 def plain_reference(frame: FloatMap, usable: BoolMap, pair: Pair) -> PlainReference:
@@ -178,7 +186,8 @@ def plain_reference(frame: FloatMap, usable: BoolMap, pair: Pair) -> PlainRefere
     phase, variance = _phase_map(background, plane, frame.shape)
     if not (np.diff(phase, axis=1) > 0).mean() > MIN_RISING:
         raise InputError("background: expected the fringes of a plane, got none that fit one")
-    reference = median(background.brightness) + median(background.amplitude) * np.cos(phase)
+    wave = common_waveform(background.harmonics)
+    reference = median(background.brightness) + median(background.amplitude) * wave.at(phase)
     fx = float(np.median(np.diff(phase, axis=1))) / TURN
     fy = float(np.median(np.diff(phase, axis=0))) / TURN if frame.shape[0] > 1 else 0.0
     sigma = np.sqrt(variance) / (TURN * fx)
@@ -220,7 +229,8 @@ def _blocks(frame: FloatMap, usable: BoolMap, carrier: Carrier) -> _Blocks:
         )
     weight, counts = weight[enough], counts[enough]
     phase = np.nan_to_num(slow.phase) + carried
-    found = _fit_blocks(counts, weight, [cut(values)[enough] for values in (x, y, phase)])
+    maps = [cut(values)[enough] for values in (x, y, phase)]
+    found = _fit_blocks(counts, weight, maps, carrier.period_px)
     strong = found.amplitude > MIN_STRENGTH * np.percentile(found.amplitude, STRONG_PERCENTILE)
     u, v = (2.0 * m / max(n - 1, 1) - 1.0 for m, n in ((found.u, w), (found.v, h)))
     row, column = np.divmod(np.arange(down * across)[::stride][enough][strong], across)
@@ -238,37 +248,74 @@ def _outermost(row: NDArray[np.intp], column: NDArray[np.intp]) -> BoolMap:
     return rim
 
 
-def _fit_blocks(counts: FloatMap, weight: FloatMap, maps: list[FloatMap]) -> _Blocks:
+def _fit_blocks(
+    counts: FloatMap, weight: FloatMap, maps: list[FloatMap], period_px: float
+) -> _Blocks:
     """Fit the fringes of blocks, (n, pixels), with the places u, v of their middle in px.
 
-    ``maps`` are the pixels' places x and y, px, and the phase of the filtered frame, rad.
+    ``maps`` are the pixels' places x and y, px, and the phase of the filtered frame, rad. A block
+    rarely holds whole periods, so that harmonics would displace its phase: those that strong blocks
+    share are subtracted.
     """
     total = weight.sum(axis=1)
     middles = [(weight * values).sum(axis=1) / total for values in maps]
     along, aside, wave = (
         values - middle[:, None] for values, middle in zip(maps, middles, strict=True)
     )
-    parts = [np.ones_like(along), np.cos(wave), np.sin(wave), along]
-    design = np.stack([*parts, aside] if aside.any() else parts, axis=2)
-    weighted = (design * weight[:, :, None]).transpose(0, 2, 1)
-    fitted = np.linalg.pinv(weighted @ design, rcond=TINY) @ (weighted @ counts[:, :, None])
-    brightness, c, s = fitted[:, 0, 0], fitted[:, 1, 0], fitted[:, 2, 0]
-    left = np.sum(weight * (counts - (design @ fitted)[:, :, 0]) ** 2, axis=1)
-    amplitude = np.hypot(c, s)
-    # Of an amplitude in steps over whole periods.
-    freedom = np.maximum(total - design.shape[2], 1.0)
-    noise = np.sqrt(2.0 * left / freedom / total)
-    # The phase at the middle of the block, next to that of the filtered frame.
-    turn = np.angle((c - 1j * s) * np.exp(-1j * middles[2]))
+    linear = [np.ones_like(along), along]
+    if aside.any():
+        linear.append(aside)
+    found = _fundamental(counts, weight, linear, wave, SINE)
+    harmonics = block_harmonics(counts, weight, linear, wave, harmonic_count(period_px))
+    strong = found.amplitude >= np.median(found.amplitude)
+    found = _fundamental(counts, weight, linear, wave, common_waveform(harmonics[strong]))
     return _Blocks(
         u=middles[0],
         v=middles[1],
-        phase=middles[2] + turn,
-        amplitude=amplitude,
-        brightness=brightness,
-        sigma=noise / np.maximum(amplitude, TINY) + TINY_RAD,
+        # The phase at the middle of the block, next to that of the filtered frame.
+        phase=middles[2] + np.angle(np.exp(1j * (found.phase - middles[2]))),
+        amplitude=found.amplitude,
+        brightness=found.brightness,
+        sigma=found.sigma,
         rim=np.zeros(total.shape, bool),
+        harmonics=harmonics,
     )
+
+
+class _Fundamental(NamedTuple):
+    """Fringes of blocks, (n,) arrays as in ``_Blocks``."""
+
+    brightness: FloatMap
+    amplitude: FloatMap
+    phase: FloatMap
+    """At the pixels where ``wave`` of ``_fundamental`` is 0, rad."""
+    sigma: FloatMap
+
+
+def _fundamental(
+    counts: FloatMap, weight: FloatMap, linear: list[FloatMap], wave: FloatMap, shape: Waveform
+) -> _Fundamental:
+    """Fit A + B s(φ) and a slope of the brightness to blocks, (n, pixels).
+
+    ``wave`` is the phase of the filtered frame less that in the middle of the block.
+    """
+    design = np.stack([linear[0], np.cos(wave), np.sin(wave), *linear[1:]], axis=2)
+    weighted = (design * weight[:, :, None]).transpose(0, 2, 1)
+    inverse = np.linalg.pinv(weighted @ design, rcond=TINY)
+    beyond = np.zeros_like(counts)
+    for _ in range(WAVEFORM_STEPS if shape.harmonics.size else 1):
+        seen = counts - beyond
+        fitted = inverse @ (weighted @ seen[:, :, None])
+        c, s = fitted[:, 1, 0], fitted[:, 2, 0]
+        amplitude, phase = np.hypot(c, s), np.angle(c - 1j * s)
+        left = np.sum(weight * (seen - (design @ fitted)[:, :, 0]) ** 2, axis=1)
+        beyond = amplitude[:, None] * shape.beyond(wave + phase[:, None])
+    total = weight.sum(axis=1)
+    freedom = np.maximum(total - design.shape[2], 1.0)
+    # Of an amplitude in steps over whole periods.
+    noise = np.sqrt(2.0 * left / freedom / total)
+    sigma = noise / np.maximum(amplitude, TINY) + TINY_RAD
+    return _Fundamental(fitted[:, 0, 0], amplitude, phase, sigma)
 
 
 @dataclass(frozen=True)

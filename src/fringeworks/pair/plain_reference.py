@@ -17,6 +17,7 @@ from fringeworks.pair.carrier import Carrier, find_carrier
 from fringeworks.pair.unwrap import unwrap
 from fringeworks.pair.waveform import SINE, Waveform, block_harmonics, common_waveform, harmonic_count
 from fringeworks.patterns.order_chain import TURN
+from fringeworks.signal.filters import widened
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median
 from fringeworks.types import BoolMap, FloatMap, InputError, Pair
 
@@ -91,6 +92,8 @@ ADVICE = "give the pixels that show the reference plane (background), or a refer
 WAVEFORM_STEPS = 3
 """Times that the phase of a block is fitted with the harmonics at its last phase: each step divides
 the rest by more than five at γ = 2.2."""
+MIN_AWAY = 20
+"""Fewest blocks that must be left apart from the object: four for each coefficient of a plane."""
 MAX_FIT_STEPS = 30
 """Largest number of steps of the fit; it usually takes five."""
 PARTS = 4
@@ -135,13 +138,16 @@ class _Blocks:
     """Standard deviation of the phase by noise, rad."""
     rim: BoolMap
     """True along the rim of what shows fringes."""
+    row: NDArray[np.intp]
+    """Place in the grid of blocks."""
+    column: NDArray[np.intp]
     harmonics: NDArray[np.complex128]
     """Harmonics of the fringes over their fundamental, (n, k)."""
 
     def at(self, chosen: NDArray[np.generic]) -> _Blocks:
         fields = (self.u, self.v, self.phase, self.amplitude, self.brightness, self.sigma)
-        chosen_ones = (np.asarray(values[chosen]) for values in fields)
-        return _Blocks(*chosen_ones, rim=self.rim[chosen], harmonics=self.harmonics[chosen])
+        others = (self.rim, self.row, self.column, self.harmonics)
+        return _Blocks(*(np.asarray(values[chosen]) for values in (*fields, *others)))
 
 
 def plain_reference(frame: FloatMap, usable: BoolMap, pair: Pair) -> PlainReference:
@@ -183,7 +189,7 @@ def plain_reference(frame: FloatMap, usable: BoolMap, pair: Pair) -> PlainRefere
     blocks = _blocks(frame, usable, carrier)
     plane, member, converged = _fit(blocks, frame.shape, search=given is None)
     background = blocks.at(member)
-    phase, variance = _phase_map(background, plane, frame.shape)
+    phase, variance = _phase_map(blocks, member, plane, frame.shape)
     if not (np.diff(phase, axis=1) > 0).mean() > MIN_RISING:
         raise InputError("background: expected the fringes of a plane, got none that fit one")
     wave = common_waveform(background.harmonics)
@@ -233,8 +239,9 @@ def _blocks(frame: FloatMap, usable: BoolMap, carrier: Carrier) -> _Blocks:
     found = _fit_blocks(counts, weight, maps, carrier.period_px)
     strong = found.amplitude > MIN_STRENGTH * np.percentile(found.amplitude, STRONG_PERCENTILE)
     u, v = (2.0 * m / max(n - 1, 1) - 1.0 for m, n in ((found.u, w), (found.v, h)))
-    row, column = np.divmod(np.arange(down * across)[::stride][enough][strong], across)
-    return replace(replace(found, u=u, v=v).at(strong), rim=_outermost(row, column))
+    row, column = np.divmod(np.arange(down * across)[::stride][enough], across)
+    found = replace(found, u=u, v=v, row=row, column=column).at(strong)
+    return replace(found, rim=_outermost(found.row, found.column))
 
 
 def _outermost(row: NDArray[np.intp], column: NDArray[np.intp]) -> BoolMap:
@@ -278,6 +285,8 @@ def _fit_blocks(
         brightness=found.brightness,
         sigma=found.sigma,
         rim=np.zeros(total.shape, bool),
+        row=np.zeros(total.shape, np.intp),
+        column=np.zeros(total.shape, np.intp),
         harmonics=harmonics,
     )
 
@@ -351,10 +360,31 @@ class _Plane:
         """The blocks with the whole turns of the plane."""
         return replace(blocks, phase=self.phase(blocks.u, blocks.v) - (self - blocks))
 
+    def variance(self, blocks: _Blocks, weight: FloatMap, u: FloatMap, v: FloatMap) -> FloatMap:
+        """Variance of the phase at places, rad², by blocks of some weight, 1/rad², and the prior of
+        the perspective."""
+        design = self._design(blocks.u, blocks.v, self.phase(blocks.u, blocks.v))
+        bottom = self.bottom(blocks.u, blocks.v)[:, None]
+        weighted = (design / bottom).T * (weight * self.scale**2)
+        precision = weighted @ (design / bottom)
+        prior = np.zeros(self.terms)
+        prior[3:] = PERSPECTIVE_PRIOR**-2
+        precision.flat[:: self.terms + 1] += prior
+        at = self._design(*np.broadcast_arrays(u, v), self.phase(u, v))
+        at = at / self.bottom(u, v)[..., None] * self.scale
+        return np.asarray(np.sum((at @ np.linalg.pinv(precision, hermitian=True)) * at, axis=-1))
+
+    def _design(self, u: FloatMap, v: FloatMap, phase: FloatMap) -> FloatMap:
+        """Derivatives of the numerator by the coefficients, less those of the denominator times a
+        phase, (…, terms)."""
+        value = (phase - self.centre) / self.scale
+        columns = (np.ones_like(value), u, v, -u * value, -v * value)
+        return np.stack(columns, axis=-1)[..., : self.terms]
+
     def fitted(self, blocks: _Blocks, weight: FloatMap) -> _Plane:
         """The plane that fits blocks with their whole turns best."""
-        u, v, value = blocks.u, blocks.v, (blocks.phase - self.centre) / self.scale
-        design = np.column_stack((np.ones_like(u), u, v, -u * value, -v * value))[:, : self.terms]
+        value = (blocks.phase - self.centre) / self.scale
+        design = self._design(blocks.u, blocks.v, blocks.phase)
         weighted = design.T * weight
         normal = weighted @ design
         prior = np.full(self.terms, TINY)
@@ -388,12 +418,12 @@ def _fit(blocks: _Blocks, shape: tuple[int, int], *, search: bool) -> tuple[_Pla
     every = np.ones(blocks.u.size, bool)
     if search:
         plane = _on_the_rim(blocks, plane)
-        member = _excess(plane, blocks) < 1.0
+        member = _explained(plane, blocks)
     else:
         plane = _most_shared(replace(blocks, rim=every), plane)
         member = every
     converged = False
-    for _ in range(MAX_FIT_STEPS):
+    for step in range(MAX_FIT_STEPS):
         off = plane - blocks
         spread = _spread(off[member])
         before = plane
@@ -401,14 +431,17 @@ def _fit(blocks: _Blocks, shape: tuple[int, int], *, search: bool) -> tuple[_Pla
         moved = plane.phase(blocks.u, blocks.v) - before.phase(blocks.u, blocks.v)
         near = every
         if search:
-            near = np.abs(plane - blocks) < min(OFF_PLANE_SIGMAS * spread, OFF_PLANE_RAD)
+            near = (np.abs(plane - blocks) < OFF_PLANE_SIGMAS * spread) & _explained(plane, blocks)
+            near = _away(blocks, near)
+            if step >= MAX_FIT_STEPS // 2:  # blocks that come and go are no certain background
+                near &= member
         converged = bool((near == member).all() and np.abs(moved).max() < SETTLED * spread)
         member = near
         if converged or np.count_nonzero(member) < terms:
             break
     if np.count_nonzero(member) < terms:
         raise InputError("background: expected the fringes of a plane, got none that fit one")
-    if search and np.mean(_excess(plane, blocks) < 1.0) > 1.0 - MIN_BACKGROUND:
+    if search and np.mean(_explained(plane, blocks)) > 1.0 - MIN_BACKGROUND:
         raise InputError(
             "background: expected an object before a plane, got one plane all over the frame, "
             f"whose own height and tilt a single frame does not show; {ADVICE}"
@@ -422,6 +455,23 @@ def _excess(plane: _Plane, blocks: _Blocks) -> FloatMap:
     return np.asarray(np.abs(plane - blocks) / most)
 
 
+def _away(blocks: _Blocks, member: BoolMap) -> BoolMap:
+    """Blocks of the background without a neighbour that is off its plane.
+
+    An object has a skirt, whose first blocks are still close to the plane, all on one side of it.
+    Where too few blocks are left, the background is narrow: they all count.
+    """
+    grid = np.zeros((int(blocks.row.max()) + 1, int(blocks.column.max()) + 1), bool)
+    grid[blocks.row, blocks.column] = ~member
+    away = member & ~widened(grid, 1)[blocks.row, blocks.column]
+    return away if np.count_nonzero(away) >= MIN_AWAY else member
+
+
+def _explained(plane: _Plane, blocks: _Blocks) -> BoolMap:
+    """Blocks that noise and an uneven background put as far from a plane as they are."""
+    return np.asarray(_excess(plane, blocks) < 1.0)
+
+
 def _on_the_rim(blocks: _Blocks, start: _Plane) -> _Plane:
     """The plane that most of the blocks along the rim share; ``start`` has its form.
 
@@ -430,7 +480,7 @@ def _on_the_rim(blocks: _Blocks, start: _Plane) -> _Plane:
     InputError where this is less than half of them, or where another plane holds as many.
     """
     first = _most_shared(blocks, start)
-    near = _excess(first, blocks) < 1.0
+    near = _explained(first, blocks)
     found, rim = int(np.sum(near & blocks.rim)), int(np.sum(blocks.rim))
     if found < SHARED_RIM * rim:
         raise InputError(
@@ -438,7 +488,7 @@ def _on_the_rim(blocks: _Blocks, start: _Plane) -> _Plane:
             f"frame, got {found / max(rim, 1):.0%} of it; {ADVICE}"
         )
     others = blocks.at(~near)
-    second = _excess(_most_shared(others, start), others) < 1.0
+    second = _explained(_most_shared(others, start), others)
     another = int(np.sum(second & others.rim))
     if another > SECOND_PLANE * found:
         raise InputError(
@@ -472,32 +522,43 @@ def _most_shared(blocks: _Blocks, start: _Plane) -> _Plane:
 
 
 def _phase_map(
-    background: _Blocks, plane: _Plane, shape: tuple[int, int]
+    blocks: _Blocks, member: BoolMap, plane: _Plane, shape: tuple[int, int]
 ) -> tuple[FloatMap, FloatMap]:
     """Phase of the plane over the frame, and its variance, rad².
 
-    The variance is that of a jackknife over parts of the background, each of which contains errors
-    that its blocks share, and the scatter of the blocks around the plane: what the background is
-    off the plane where it shows, it may be off where the object hides it.
+    The variance has three parts. What the background is off the plane where it shows, it may be off
+    where the object hides it: the scatter of the blocks around the plane. Errors that neighbours
+    share: a jackknife over parts of the background, and what one more row of blocks beside the object
+    changes, which its skirt may have raised. What so many parts leave of the prior of the
+    plane, where few of them are far from the background: the larger one of both counts.
     """
     h, w = shape
     u, v = np.linspace(-1.0, 1.0, w)[None, :], np.linspace(-1.0, 1.0, h)[:, None]
     if not plane.bottom(u, v).min() > MIN_BOTTOM:
         raise InputError("background: expected the fringes of a plane, got none that fit one")
     phase = plane.phase(u, v)
+    background = plane.counted(blocks.at(member))
     off = plane - background
     weight = _robust(off, _spread(off))
-    background = plane.counted(background)
     place = np.floor((background.u + 1.0) * 0.5 * PARTS) + PARTS * np.floor(
         (background.v + 1.0) * 0.5 * PARTS
     )
+    parts = np.unique(place)
     changes = []
-    for part in np.unique(place):
+    for part in parts:
         kept = place != part
         if np.count_nonzero(kept) >= plane.terms:
             changes.append(plane.fitted(background.at(kept), weight[kept]).phase(u, v) - phase)
-    variance = np.full(shape, np.average(off**2, weights=weight))
+    scatter = float(np.average(off**2, weights=weight))
     count = len(changes)
+    shared = np.zeros(shape)
     for change in changes:
-        variance += (count - 1) / count * change**2
-    return phase, variance
+        shared += (count - 1) / count * change**2
+    further = _away(blocks, member)
+    if further.any() and not (further == member).all():
+        kept = further[member]
+        skirt = plane.fitted(background.at(kept), weight[kept]).phase(u, v) - phase
+        shared += skirt**2
+    # Blocks of one part have errors in common: together they count as one.
+    weight *= parts.size / weight.sum() / max(scatter, TINY_RAD**2)
+    return phase, scatter + np.maximum(shared, plane.variance(background, weight, u, v))

@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from fringeworks.pair.bandpass import band_pass
 from fringeworks.pair.carrier import Carrier, find_carrier
 from fringeworks.pair.unwrap import unwrap
-from fringeworks.pair.waveform import SINE, Waveform, block_harmonics, common_waveform, harmonic_count
+from fringeworks.pair.waveform import (
+    SINE,
+    Waveform,
+    block_harmonics,
+    common_waveform,
+    harmonic_count,
+)
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.signal.filters import widened
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median
@@ -370,7 +376,8 @@ class _Plane:
         prior = np.zeros(self.terms)
         prior[3:] = PERSPECTIVE_PRIOR**-2
         precision.flat[:: self.terms + 1] += prior
-        at = self._design(*np.broadcast_arrays(u, v), self.phase(u, v))
+        across, down = np.broadcast_arrays(u, v)
+        at = self._design(across, down, self.phase(u, v))
         at = at / self.bottom(u, v)[..., None] * self.scale
         return np.asarray(np.sum((at @ np.linalg.pinv(precision, hermitian=True)) * at, axis=-1))
 
@@ -441,12 +448,19 @@ def _fit(blocks: _Blocks, shape: tuple[int, int], *, search: bool) -> tuple[_Pla
             break
     if np.count_nonzero(member) < terms:
         raise InputError("background: expected the fringes of a plane, got none that fit one")
-    if search and np.mean(_explained(plane, blocks)) > 1.0 - MIN_BACKGROUND:
+    if search:
+        _check_rim(plane, blocks)
+        _check_object(plane, blocks)
+    return plane, member, converged
+
+
+def _check_object(plane: _Plane, blocks: _Blocks) -> None:
+    """InputError where all blocks lie on a plane."""
+    if np.mean(_explained(plane, blocks)) > 1.0 - MIN_BACKGROUND:
         raise InputError(
             "background: expected an object before a plane, got one plane all over the frame, "
             f"whose own height and tilt a single frame does not show; {ADVICE}"
         )
-    return plane, member, converged
 
 
 def _excess(plane: _Plane, blocks: _Blocks) -> FloatMap:
@@ -481,12 +495,7 @@ def _on_the_rim(blocks: _Blocks, start: _Plane) -> _Plane:
     """
     first = _most_shared(blocks, start)
     near = _explained(first, blocks)
-    found, rim = int(np.sum(near & blocks.rim)), int(np.sum(blocks.rim))
-    if found < SHARED_RIM * rim:
-        raise InputError(
-            "background: expected the fringes of one plane along at least half of the rim of the "
-            f"frame, got {found / max(rim, 1):.0%} of it; {ADVICE}"
-        )
+    found, rim = _check_rim(first, blocks), int(np.sum(blocks.rim))
     others = blocks.at(~near)
     second = _explained(_most_shared(others, start), others)
     another = int(np.sum(second & others.rim))
@@ -496,6 +505,17 @@ def _on_the_rim(blocks: _Blocks, start: _Plane) -> _Plane:
             f"with {found / rim:.0%} of it and another with {another / rim:.0%}; {ADVICE}"
         )
     return first
+
+
+def _check_rim(plane: _Plane, blocks: _Blocks) -> int:
+    """Blocks of the rim on a plane; InputError where they are less than half of the rim."""
+    found, rim = int(np.sum(_explained(plane, blocks) & blocks.rim)), int(np.sum(blocks.rim))
+    if found < SHARED_RIM * rim:
+        raise InputError(
+            "background: expected the fringes of one plane along at least half of the rim of the "
+            f"frame, got {found / max(rim, 1):.0%} of it; {ADVICE}"
+        )
+    return found
 
 
 def _most_shared(blocks: _Blocks, start: _Plane) -> _Plane:
@@ -526,11 +546,11 @@ def _phase_map(
 ) -> tuple[FloatMap, FloatMap]:
     """Phase of the plane over the frame, and its variance, rad².
 
-    The variance has three parts. What the background is off the plane where it shows, it may be off
-    where the object hides it: the scatter of the blocks around the plane. Errors that neighbours
-    share: a jackknife over parts of the background, and what one more row of blocks beside the object
-    changes, which its skirt may have raised. What so many parts leave of the prior of the
-    plane, where few of them are far from the background: the larger one of both counts.
+    The variance has two parts. What the background is off the plane where it shows, it may be off
+    where the object hides it: the scatter of the blocks around the plane. And the larger of two
+    estimates of the errors that neighbours share: a jackknife over parts of the background, with
+    what one more row of blocks beside the object changes, which its skirt may have raised; and
+    what so many parts leave of the prior of the plane.
     """
     h, w = shape
     u, v = np.linspace(-1.0, 1.0, w)[None, :], np.linspace(-1.0, 1.0, h)[:, None]

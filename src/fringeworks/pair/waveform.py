@@ -104,4 +104,6 @@ def common_waveform(harmonics: NDArray[np.complex128]) -> Waveform:
     apart = np.median(np.abs(harmonics - middle), axis=0) / NORMAL_MEDIAN
     # The median of n normal values has π/2 of the variance of their mean.
     variance = 0.5 * np.pi * apart**2 / n
-    return Waveform(middle * np.maximum(1.0 - variance / np.maximum(np.abs(middle) ** 2, TINY), 0.0))
+    return Waveform(
+        middle * np.maximum(1.0 - variance / np.maximum(np.abs(middle) ** 2, TINY), 0.0)
+    )

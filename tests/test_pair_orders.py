@@ -61,7 +61,7 @@ def test_a_shadow_corrects_the_order_of_the_box_that_casts_it(periods, method):
 
 @pytest.mark.parametrize("periods", [0.2, 0.35])
 def test_a_low_box_keeps_its_order(periods):
-    pair, u, _ = boxed(periods)
+    pair, _, _ = boxed(periods)
     prepared = prepare(pair)
     found = analyse(prepared, "fourier")
     again, orders = by_shadows(prepared, found)

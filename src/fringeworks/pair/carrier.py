@@ -42,6 +42,11 @@ MIN_SHARE = 0.2
 
 Noise and ramps stay below it; strongly shaded or noisy fringes above. An empirical choice.
 """
+LARGEST_TILT_DEG = 45.0
+"""Tilt of the fringes against an axis from which on the other axis is tried, degrees."""
+STEEPEST_TILT_DEG = 60.0
+"""Largest tilt against an axis that was asked for, degrees: the displacement along it is twice that
+across the fringes, and so is its σ."""
 BLOCK_ROWS = 64
 """Rows whose spectra are in memory at a time: together they are a small part of a frame."""
 REFINEMENTS = 3
@@ -63,7 +68,8 @@ class Carrier:
 
     @property
     def tilt_deg(self) -> float:
-        """Angle between the fringes' normal and ``axis``, −45…45 degrees."""
+        """Angle between the fringes' normal and ``axis``, −60…60 degrees; beyond ±45 only where the
+        axis was asked for."""
         return float(np.degrees(np.arctan(self.cross_frequency * self.period_px)))
 
 
@@ -217,7 +223,7 @@ def find_carrier(frame: FloatMap, axis: Axis | None = None, *, name: str = "refe
     ------
     InputError
         If the frame is constant, has no dominant line in its spectrum, has fewer than 3 periods,
-        or has a period below 4 px.
+        or has a period below 4 px; if its fringes are tilted by more than 60° against the axis.
 
     Notes
     -----
@@ -245,15 +251,30 @@ def find_carrier(frame: FloatMap, axis: Axis | None = None, *, name: str = "refe
             lines[direction] = _lines(frame if direction == "x" else frame.T)
     # Tilted fringes have equal energy on both axes; the axis with the higher frequency decides.
     best = max(lines, key=lambda d: lines[d][0].frequency * lines[d][0].energy)
-    line = lines[best][0]
+    found = _along(frame, best, lines[best][0])
+    if axis is None and found is not None and abs(found.tilt_deg) > LARGEST_TILT_DEG:
+        # Near 45° the spectra of an object's fringes may speak for the wrong one.
+        other: Axis = "y" if best == "x" else "x"
+        found = _along(frame, other, lines[other][0]) or found
+    if found is not None and abs(found.tilt_deg) > STEEPEST_TILT_DEG:
+        raise InputError(
+            f"{name} frame: expected fringes tilted by at most {STEEPEST_TILT_DEG:g}° against "
+            f"axis {found.axis}, got {abs(found.tilt_deg):.0f}°; use the other axis"
+        )
+    if found is None:
+        raise InputError(_complaint(name, axis, frame.shape, lines))
+    return found
+
+
+def _along(frame: FloatMap, axis: Axis, line: _Line) -> Carrier | None:
+    """The carrier of a line along an axis; None where it is weak or has too few periods."""
     if line.share < MIN_SHARE:
-        raise InputError(_complaint(name, axis, frame.shape, lines))
-    turned = frame if best == "x" else frame.T
+        return None
+    turned = frame if axis == "x" else frame.T
     frequency, cross_frequency = _refine(turned, line.frequency)
-    too_few = frequency * turned.shape[1] < MIN_PERIODS - PERIODS_SLACK
-    if abs(cross_frequency) > frequency or too_few:
-        raise InputError(_complaint(name, axis, frame.shape, lines))
-    return Carrier(best, 1.0 / frequency, line.share, cross_frequency)
+    if frequency * turned.shape[1] < MIN_PERIODS - PERIODS_SLACK:
+        return None
+    return Carrier(axis, 1.0 / frequency, line.share, cross_frequency)
 
 
 def _complaint(

@@ -182,8 +182,8 @@ def shadows_without_step(prepared: PreparedPair, found: DisplacementMap) -> Bool
     u = turn(found.displacement_px)
     away = max(1, round(AWAY * period))
     marked = np.zeros(u.shape, bool)
-    painted = _dark(prepared.reference, prepared.period)
-    for row, dark in enumerate(_dark(prepared.object, prepared.period)):
+    painted = dark_pixels(prepared.reference, prepared.period)
+    for row, dark in enumerate(dark_pixels(prepared.object, prepared.period)):
         ends = np.flatnonzero(np.diff(np.concatenate(([0], dark, [0]))))
         for first, last in ends.reshape(-1, 2):  # the last is the first pixel beyond
             before, beyond = first - away, last - 1 + away
@@ -197,7 +197,7 @@ def shadows_without_step(prepared: PreparedPair, found: DisplacementMap) -> Bool
     return turn(marked)
 
 
-def _dark(frame: FloatMap, period_px: float) -> NDArray[np.int8]:
+def dark_pixels(frame: FloatMap, period_px: float) -> NDArray[np.int8]:
     """1 where a frame is about as dark as its darkest pixel nearby, (h, w)."""
     size = (1, 2 * round(SURROUNDINGS * period_px) + 1)
     low = scipy.ndimage.minimum_filter(frame, size)

@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from fringeworks.pair.bandpass import band_pass
 from fringeworks.pair.carrier import Carrier, find_carrier
 from fringeworks.pair.unwrap import unwrap
+from fringeworks.pair.waveform import (
+    SINE,
+    Waveform,
+    block_harmonics,
+    common_waveform,
+    harmonic_count,
+)
 from fringeworks.patterns.order_chain import TURN
+from fringeworks.signal.filters import widened
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median
 from fringeworks.types import BoolMap, FloatMap, InputError, Pair
 
@@ -87,6 +95,11 @@ TINY_RAD = 1e-6
 """Smallest scatter of blocks, rad, where there is no noise."""
 ADVICE = "give the pixels that show the reference plane (background), or a reference frame"
 """What to do about a background that is not found."""
+WAVEFORM_STEPS = 3
+"""Times that the phase of a block is fitted with the harmonics at its last phase: each step divides
+the rest by more than five at γ = 2.2."""
+MIN_AWAY = 20
+"""Fewest blocks that must be left apart from the object: four for each coefficient of a plane."""
 MAX_FIT_STEPS = 30
 """Largest number of steps of the fit; it usually takes five."""
 PARTS = 4
@@ -104,7 +117,8 @@ class PlainReference(NamedTuple):
     carrier: Carrier
     """Its period and cross frequency are the medians over the plane."""
     reference: FloatMap
-    """A + B cos(phase of the plane), (h, w), counts, as captured."""
+    """A + B s(phase of the plane), (h, w), counts, as captured, with the waveform s of the
+    background's fringes."""
     sigma_px: FloatMap
     """Standard deviation of the plane's phase, as a displacement, (h, w), px, as captured. Its
     errors are common to large parts of the frame."""
@@ -130,10 +144,16 @@ class _Blocks:
     """Standard deviation of the phase by noise, rad."""
     rim: BoolMap
     """True along the rim of what shows fringes."""
+    row: NDArray[np.intp]
+    """Place in the grid of blocks."""
+    column: NDArray[np.intp]
+    harmonics: NDArray[np.complex128]
+    """Harmonics of the fringes over their fundamental, (n, k)."""
 
     def at(self, chosen: NDArray[np.generic]) -> _Blocks:
-        fields = (self.u, self.v, self.phase, self.amplitude, self.brightness, self.sigma, self.rim)
-        return _Blocks(*(np.asarray(values[chosen]) for values in fields))
+        fields = (self.u, self.v, self.phase, self.amplitude, self.brightness, self.sigma)
+        others = (self.rim, self.row, self.column, self.harmonics)
+        return _Blocks(*(np.asarray(values[chosen]) for values in (*fields, *others)))
 
 
 def plain_reference(frame: FloatMap, usable: BoolMap, pair: Pair) -> PlainReference:
@@ -175,10 +195,11 @@ def plain_reference(frame: FloatMap, usable: BoolMap, pair: Pair) -> PlainRefere
     blocks = _blocks(frame, usable, carrier)
     plane, member, converged = _fit(blocks, frame.shape, search=given is None)
     background = blocks.at(member)
-    phase, variance = _phase_map(background, plane, frame.shape)
+    phase, variance = _phase_map(blocks, member, plane, frame.shape)
     if not (np.diff(phase, axis=1) > 0).mean() > MIN_RISING:
         raise InputError("background: expected the fringes of a plane, got none that fit one")
-    reference = median(background.brightness) + median(background.amplitude) * np.cos(phase)
+    wave = common_waveform(background.harmonics)
+    reference = median(background.brightness) + median(background.amplitude) * wave.at(phase)
     fx = float(np.median(np.diff(phase, axis=1))) / TURN
     fy = float(np.median(np.diff(phase, axis=0))) / TURN if frame.shape[0] > 1 else 0.0
     sigma = np.sqrt(variance) / (TURN * fx)
@@ -220,11 +241,13 @@ def _blocks(frame: FloatMap, usable: BoolMap, carrier: Carrier) -> _Blocks:
         )
     weight, counts = weight[enough], counts[enough]
     phase = np.nan_to_num(slow.phase) + carried
-    found = _fit_blocks(counts, weight, [cut(values)[enough] for values in (x, y, phase)])
+    maps = [cut(values)[enough] for values in (x, y, phase)]
+    found = _fit_blocks(counts, weight, maps, carrier.period_px)
     strong = found.amplitude > MIN_STRENGTH * np.percentile(found.amplitude, STRONG_PERCENTILE)
     u, v = (2.0 * m / max(n - 1, 1) - 1.0 for m, n in ((found.u, w), (found.v, h)))
-    row, column = np.divmod(np.arange(down * across)[::stride][enough][strong], across)
-    return replace(replace(found, u=u, v=v).at(strong), rim=_outermost(row, column))
+    row, column = np.divmod(np.arange(down * across)[::stride][enough], across)
+    found = replace(found, u=u, v=v, row=row, column=column).at(strong)
+    return replace(found, rim=_outermost(found.row, found.column))
 
 
 def _outermost(row: NDArray[np.intp], column: NDArray[np.intp]) -> BoolMap:
@@ -238,37 +261,76 @@ def _outermost(row: NDArray[np.intp], column: NDArray[np.intp]) -> BoolMap:
     return rim
 
 
-def _fit_blocks(counts: FloatMap, weight: FloatMap, maps: list[FloatMap]) -> _Blocks:
+def _fit_blocks(
+    counts: FloatMap, weight: FloatMap, maps: list[FloatMap], period_px: float
+) -> _Blocks:
     """Fit the fringes of blocks, (n, pixels), with the places u, v of their middle in px.
 
-    ``maps`` are the pixels' places x and y, px, and the phase of the filtered frame, rad.
+    ``maps`` are the pixels' places x and y, px, and the phase of the filtered frame, rad. A block
+    rarely holds whole periods, so that harmonics would displace its phase: those that strong blocks
+    share are subtracted.
     """
     total = weight.sum(axis=1)
     middles = [(weight * values).sum(axis=1) / total for values in maps]
     along, aside, wave = (
         values - middle[:, None] for values, middle in zip(maps, middles, strict=True)
     )
-    parts = [np.ones_like(along), np.cos(wave), np.sin(wave), along]
-    design = np.stack([*parts, aside] if aside.any() else parts, axis=2)
-    weighted = (design * weight[:, :, None]).transpose(0, 2, 1)
-    fitted = np.linalg.pinv(weighted @ design, rcond=TINY) @ (weighted @ counts[:, :, None])
-    brightness, c, s = fitted[:, 0, 0], fitted[:, 1, 0], fitted[:, 2, 0]
-    left = np.sum(weight * (counts - (design @ fitted)[:, :, 0]) ** 2, axis=1)
-    amplitude = np.hypot(c, s)
-    # Of an amplitude in steps over whole periods.
-    freedom = np.maximum(total - design.shape[2], 1.0)
-    noise = np.sqrt(2.0 * left / freedom / total)
-    # The phase at the middle of the block, next to that of the filtered frame.
-    turn = np.angle((c - 1j * s) * np.exp(-1j * middles[2]))
+    linear = [np.ones_like(along), along]
+    if aside.any():
+        linear.append(aside)
+    found = _fundamental(counts, weight, linear, wave, SINE)
+    harmonics = block_harmonics(counts, weight, linear, wave, harmonic_count(period_px))
+    strong = found.amplitude >= np.median(found.amplitude)
+    found = _fundamental(counts, weight, linear, wave, common_waveform(harmonics[strong]))
     return _Blocks(
         u=middles[0],
         v=middles[1],
-        phase=middles[2] + turn,
-        amplitude=amplitude,
-        brightness=brightness,
-        sigma=noise / np.maximum(amplitude, TINY) + TINY_RAD,
+        # The phase at the middle of the block, next to that of the filtered frame.
+        phase=middles[2] + np.angle(np.exp(1j * (found.phase - middles[2]))),
+        amplitude=found.amplitude,
+        brightness=found.brightness,
+        sigma=found.sigma,
         rim=np.zeros(total.shape, bool),
+        row=np.zeros(total.shape, np.intp),
+        column=np.zeros(total.shape, np.intp),
+        harmonics=harmonics,
     )
+
+
+class _Fundamental(NamedTuple):
+    """Fringes of blocks, (n,) arrays as in ``_Blocks``."""
+
+    brightness: FloatMap
+    amplitude: FloatMap
+    phase: FloatMap
+    """At the pixels where ``wave`` of ``_fundamental`` is 0, rad."""
+    sigma: FloatMap
+
+
+def _fundamental(
+    counts: FloatMap, weight: FloatMap, linear: list[FloatMap], wave: FloatMap, shape: Waveform
+) -> _Fundamental:
+    """Fit A + B s(φ) and a slope of the brightness to blocks, (n, pixels).
+
+    ``wave`` is the phase of the filtered frame less that in the middle of the block.
+    """
+    design = np.stack([linear[0], np.cos(wave), np.sin(wave), *linear[1:]], axis=2)
+    weighted = (design * weight[:, :, None]).transpose(0, 2, 1)
+    inverse = np.linalg.pinv(weighted @ design, rcond=TINY)
+    beyond = np.zeros_like(counts)
+    for _ in range(WAVEFORM_STEPS if shape.harmonics.size else 1):
+        seen = counts - beyond
+        fitted = inverse @ (weighted @ seen[:, :, None])
+        c, s = fitted[:, 1, 0], fitted[:, 2, 0]
+        amplitude, phase = np.hypot(c, s), np.angle(c - 1j * s)
+        left = np.sum(weight * (seen - (design @ fitted)[:, :, 0]) ** 2, axis=1)
+        beyond = amplitude[:, None] * shape.beyond(wave + phase[:, None])
+    total = weight.sum(axis=1)
+    freedom = np.maximum(total - design.shape[2], 1.0)
+    # Of an amplitude in steps over whole periods.
+    noise = np.sqrt(2.0 * left / freedom / total)
+    sigma = noise / np.maximum(amplitude, TINY) + TINY_RAD
+    return _Fundamental(fitted[:, 0, 0], amplitude, phase, sigma)
 
 
 @dataclass(frozen=True)
@@ -304,10 +366,32 @@ class _Plane:
         """The blocks with the whole turns of the plane."""
         return replace(blocks, phase=self.phase(blocks.u, blocks.v) - (self - blocks))
 
+    def variance(self, blocks: _Blocks, weight: FloatMap, u: FloatMap, v: FloatMap) -> FloatMap:
+        """Variance of the phase at places, rad², by blocks of some weight, 1/rad², and the prior of
+        the perspective."""
+        design = self._design(blocks.u, blocks.v, self.phase(blocks.u, blocks.v))
+        bottom = self.bottom(blocks.u, blocks.v)[:, None]
+        weighted = (design / bottom).T * (weight * self.scale**2)
+        precision = weighted @ (design / bottom)
+        prior = np.zeros(self.terms)
+        prior[3:] = PERSPECTIVE_PRIOR**-2
+        precision.flat[:: self.terms + 1] += prior
+        across, down = np.broadcast_arrays(u, v)
+        at = self._design(across, down, self.phase(u, v))
+        at = at / self.bottom(u, v)[..., None] * self.scale
+        return np.asarray(np.sum((at @ np.linalg.pinv(precision, hermitian=True)) * at, axis=-1))
+
+    def _design(self, u: FloatMap, v: FloatMap, phase: FloatMap) -> FloatMap:
+        """Derivatives of the numerator by the coefficients, less those of the denominator times a
+        phase, (…, terms)."""
+        value = (phase - self.centre) / self.scale
+        columns = (np.ones_like(value), u, v, -u * value, -v * value)
+        return np.stack(columns, axis=-1)[..., : self.terms]
+
     def fitted(self, blocks: _Blocks, weight: FloatMap) -> _Plane:
         """The plane that fits blocks with their whole turns best."""
-        u, v, value = blocks.u, blocks.v, (blocks.phase - self.centre) / self.scale
-        design = np.column_stack((np.ones_like(u), u, v, -u * value, -v * value))[:, : self.terms]
+        value = (blocks.phase - self.centre) / self.scale
+        design = self._design(blocks.u, blocks.v, blocks.phase)
         weighted = design.T * weight
         normal = weighted @ design
         prior = np.full(self.terms, TINY)
@@ -341,12 +425,12 @@ def _fit(blocks: _Blocks, shape: tuple[int, int], *, search: bool) -> tuple[_Pla
     every = np.ones(blocks.u.size, bool)
     if search:
         plane = _on_the_rim(blocks, plane)
-        member = _excess(plane, blocks) < 1.0
+        member = _explained(plane, blocks)
     else:
         plane = _most_shared(replace(blocks, rim=every), plane)
         member = every
     converged = False
-    for _ in range(MAX_FIT_STEPS):
+    for step in range(MAX_FIT_STEPS):
         off = plane - blocks
         spread = _spread(off[member])
         before = plane
@@ -354,25 +438,52 @@ def _fit(blocks: _Blocks, shape: tuple[int, int], *, search: bool) -> tuple[_Pla
         moved = plane.phase(blocks.u, blocks.v) - before.phase(blocks.u, blocks.v)
         near = every
         if search:
-            near = np.abs(plane - blocks) < min(OFF_PLANE_SIGMAS * spread, OFF_PLANE_RAD)
+            near = (np.abs(plane - blocks) < OFF_PLANE_SIGMAS * spread) & _explained(plane, blocks)
+            near = _away(blocks, near)
+            if step >= MAX_FIT_STEPS // 2:  # blocks that come and go are no certain background
+                near &= member
         converged = bool((near == member).all() and np.abs(moved).max() < SETTLED * spread)
         member = near
         if converged or np.count_nonzero(member) < terms:
             break
     if np.count_nonzero(member) < terms:
         raise InputError("background: expected the fringes of a plane, got none that fit one")
-    if search and np.mean(_excess(plane, blocks) < 1.0) > 1.0 - MIN_BACKGROUND:
+    if search:
+        _check_rim(plane, blocks)
+        _check_object(plane, blocks)
+    return plane, member, converged
+
+
+def _check_object(plane: _Plane, blocks: _Blocks) -> None:
+    """InputError where all blocks lie on a plane."""
+    if np.mean(_explained(plane, blocks)) > 1.0 - MIN_BACKGROUND:
         raise InputError(
             "background: expected an object before a plane, got one plane all over the frame, "
             f"whose own height and tilt a single frame does not show; {ADVICE}"
         )
-    return plane, member, converged
 
 
 def _excess(plane: _Plane, blocks: _Blocks) -> FloatMap:
     """Distance of blocks from a plane over the largest one of its own blocks."""
     most = np.minimum(OFF_PLANE_SIGMAS * np.hypot(blocks.sigma, UNEVEN_RAD), OFF_PLANE_RAD)
     return np.asarray(np.abs(plane - blocks) / most)
+
+
+def _away(blocks: _Blocks, member: BoolMap) -> BoolMap:
+    """Blocks of the background without a neighbour that is off its plane.
+
+    An object has a skirt, whose first blocks are still close to the plane, all on one side of it.
+    Where too few blocks are left, the background is narrow: they all count.
+    """
+    grid = np.zeros((int(blocks.row.max()) + 1, int(blocks.column.max()) + 1), bool)
+    grid[blocks.row, blocks.column] = ~member
+    away = member & ~widened(grid, 1)[blocks.row, blocks.column]
+    return away if np.count_nonzero(away) >= MIN_AWAY else member
+
+
+def _explained(plane: _Plane, blocks: _Blocks) -> BoolMap:
+    """Blocks that noise and an uneven background put as far from a plane as they are."""
+    return np.asarray(_excess(plane, blocks) < 1.0)
 
 
 def _on_the_rim(blocks: _Blocks, start: _Plane) -> _Plane:
@@ -383,15 +494,10 @@ def _on_the_rim(blocks: _Blocks, start: _Plane) -> _Plane:
     InputError where this is less than half of them, or where another plane holds as many.
     """
     first = _most_shared(blocks, start)
-    near = _excess(first, blocks) < 1.0
-    found, rim = int(np.sum(near & blocks.rim)), int(np.sum(blocks.rim))
-    if found < SHARED_RIM * rim:
-        raise InputError(
-            "background: expected the fringes of one plane along at least half of the rim of the "
-            f"frame, got {found / max(rim, 1):.0%} of it; {ADVICE}"
-        )
+    near = _explained(first, blocks)
+    found, rim = _check_rim(first, blocks), int(np.sum(blocks.rim))
     others = blocks.at(~near)
-    second = _excess(_most_shared(others, start), others) < 1.0
+    second = _explained(_most_shared(others, start), others)
     another = int(np.sum(second & others.rim))
     if another > SECOND_PLANE * found:
         raise InputError(
@@ -399,6 +505,17 @@ def _on_the_rim(blocks: _Blocks, start: _Plane) -> _Plane:
             f"with {found / rim:.0%} of it and another with {another / rim:.0%}; {ADVICE}"
         )
     return first
+
+
+def _check_rim(plane: _Plane, blocks: _Blocks) -> int:
+    """Blocks of the rim on a plane; InputError where they are less than half of the rim."""
+    found, rim = int(np.sum(_explained(plane, blocks) & blocks.rim)), int(np.sum(blocks.rim))
+    if found < SHARED_RIM * rim:
+        raise InputError(
+            "background: expected the fringes of one plane along at least half of the rim of the "
+            f"frame, got {found / max(rim, 1):.0%} of it; {ADVICE}"
+        )
+    return found
 
 
 def _most_shared(blocks: _Blocks, start: _Plane) -> _Plane:
@@ -425,32 +542,43 @@ def _most_shared(blocks: _Blocks, start: _Plane) -> _Plane:
 
 
 def _phase_map(
-    background: _Blocks, plane: _Plane, shape: tuple[int, int]
+    blocks: _Blocks, member: BoolMap, plane: _Plane, shape: tuple[int, int]
 ) -> tuple[FloatMap, FloatMap]:
     """Phase of the plane over the frame, and its variance, rad².
 
-    The variance is that of a jackknife over parts of the background, each of which contains errors
-    that its blocks share, and the scatter of the blocks around the plane: what the background is
-    off the plane where it shows, it may be off where the object hides it.
+    The variance has two parts. What the background is off the plane where it shows, it may be off
+    where the object hides it: the scatter of the blocks around the plane. And the larger of two
+    estimates of the errors that neighbours share: a jackknife over parts of the background, with
+    what one more row of blocks beside the object changes, which its skirt may have raised; and
+    what so many parts leave of the prior of the plane.
     """
     h, w = shape
     u, v = np.linspace(-1.0, 1.0, w)[None, :], np.linspace(-1.0, 1.0, h)[:, None]
     if not plane.bottom(u, v).min() > MIN_BOTTOM:
         raise InputError("background: expected the fringes of a plane, got none that fit one")
     phase = plane.phase(u, v)
+    background = plane.counted(blocks.at(member))
     off = plane - background
     weight = _robust(off, _spread(off))
-    background = plane.counted(background)
     place = np.floor((background.u + 1.0) * 0.5 * PARTS) + PARTS * np.floor(
         (background.v + 1.0) * 0.5 * PARTS
     )
+    parts = np.unique(place)
     changes = []
-    for part in np.unique(place):
+    for part in parts:
         kept = place != part
         if np.count_nonzero(kept) >= plane.terms:
             changes.append(plane.fitted(background.at(kept), weight[kept]).phase(u, v) - phase)
-    variance = np.full(shape, np.average(off**2, weights=weight))
+    scatter = float(np.average(off**2, weights=weight))
     count = len(changes)
+    shared = np.zeros(shape)
     for change in changes:
-        variance += (count - 1) / count * change**2
-    return phase, variance
+        shared += (count - 1) / count * change**2
+    further = _away(blocks, member)
+    if further.any() and not (further == member).all():
+        kept = further[member]
+        skirt = plane.fitted(background.at(kept), weight[kept]).phase(u, v) - phase
+        shared += skirt**2
+    # Blocks of one part have errors in common: together they count as one.
+    weight *= parts.size / weight.sum() / max(scatter, TINY_RAD**2)
+    return phase, scatter + np.maximum(shared, plane.variance(background, weight, u, v))

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.pair.counting import MAX_DISPLACEMENT_PERIODS
+from fringeworks.pair.counting import MAX_DISPLACEMENT_PERIODS, RowMethod
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.reference_phase import ReferencePhase, reference_phase
 from fringeworks.signal.bands import row_bands
@@ -312,9 +312,10 @@ def _measured(
     angle = np.arctan2(y - y.mean(), x - x.mean())[flat]
     fit = _fit_of_background(design[flat], blocks.u[flat], (angle, _depth(known.shape)[flat]), rim)
     # What the background's own σ covers is no movement: that σ holds errors which neighbours share.
-    clear = float(np.sqrt(np.mean((design[flat] @ fit[0]) ** 2))) > (
-        CLEAR_SIGMAS * float(np.median(blocks.sigma[flat]))
-    )
+    shared = float(np.median(blocks.sigma[flat]))
+    if found.method in get_args(RowMethod):  # only the pixels of one fringe of a row do
+        shared /= np.sqrt(blocks.side)
+    clear = float(np.sqrt(np.mean((design[flat] @ fit[0]) ** 2))) > CLEAR_SIGMAS * shared
     told = replace(_told(prepared, motion, fit, clear), has_object=has_object)
     if not has_object:  # what is displaced fills the frame, and has no skirt
         told = replace(told, significant=clear)

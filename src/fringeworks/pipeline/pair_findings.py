@@ -9,6 +9,7 @@ import numpy as np
 from fringeworks.pair.carrier import find_carrier
 from fringeworks.pair.counting import RowMethod
 from fringeworks.pair.rim import Rim
+from fringeworks.pair.shadow_orders import MIN_LINES, ShadowOrders
 from fringeworks.types import (
     Axis,
     DisplacementMap,
@@ -245,6 +246,53 @@ def _torn(found: DisplacementMap) -> Finding | None:
         "use shifted fringes with Gray code, or a wider period",
         figures={"length_px": length_px},
     )
+
+
+def shadow_findings(
+    shadows: ShadowOrders, torn: int, *, applied: bool = True
+) -> tuple[Finding, ...]:
+    """What shadows and tears tell of the fringe orders; empty where they contradict none.
+
+    Parameters
+    ----------
+    shadows : ShadowOrders
+    torn : int
+        Pixels that were torn off their surroundings by whole periods, and moved back.
+    applied : bool
+        Whether surfaces were moved and removed: in a single frame, a shadow may be dark paint.
+    """
+    moved, refused = float(np.mean(shadows.moved != 0)), float(shadows.refused.mean())
+    verb = "were" if applied else "would be, if these are no dark paint,"
+    told = []
+    if torn:
+        told.append(
+            Finding(
+                "torn surface",
+                f"{100.0 * torn / shadows.moved.size:.1f} % of the pixels were torn off the "
+                "surface around them by whole fringe periods, and were moved back",
+                advice="check these regions where the object has steps of whole periods",
+                figures={"moved_share": torn / shadows.moved.size},
+                severity="note",
+            )
+        )
+    if moved or refused or shadows.open_lines >= MIN_LINES:
+        told.append(
+            Finding(
+                "whole periods",
+                "shadows differ by whole fringe periods from the steps beside them: surfaces with "
+                f"{100 * moved:.1f} % of the pixels {verb} moved by these, {100 * refused:.1f} % "
+                f"{verb} removed, and {shadows.open_lines} lines belong to no separate surface",
+                causes=("a step of half a period or more", "dark paint that looks like a shadow"),
+                advice="use fringes of a longer period, or shifted fringes with Gray code, where "
+                "the object has such steps",
+                figures={
+                    "moved_share": moved,
+                    "removed_share": refused,
+                    "open_lines": float(shadows.open_lines),
+                },
+            )
+        )
+    return tuple(told)
 
 
 def rim_findings(rim: Rim | None, found: DisplacementMap) -> tuple[Finding, ...]:

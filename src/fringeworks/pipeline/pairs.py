@@ -15,8 +15,15 @@ from fringeworks.pair.prepared import prepare
 from fringeworks.pair.reference_plane import to_surface
 from fringeworks.pair.registry import MethodOption
 from fringeworks.pair.rim import Rim, measure_rim, with_unknown_zero, without_movement
+from fringeworks.pair.shadow_orders import by_shadows
+from fringeworks.pair.tears import without_tears
 from fringeworks.pipeline.inputs import pair_of, sources_of
-from fringeworks.pipeline.pair_findings import frame_findings, pair_findings, rim_findings
+from fringeworks.pipeline.pair_findings import (
+    frame_findings,
+    pair_findings,
+    rim_findings,
+    shadow_findings,
+)
 from fringeworks.rig.calibration.planes import (
     PixelCalibration,
     PlaneCalibration,
@@ -131,7 +138,7 @@ def reconstruct(
     )
     started = time.perf_counter()
     try:
-        displacement, rim = _displacement(pair, method, response, denoise, zero, options)
+        displacement, rim, orders = _displacement(pair, method, response, denoise, zero, options)
     except InputError as error:
         explained(error, (*as_notes(pair.notes), *frame_findings(pair)))
         raise
@@ -151,7 +158,7 @@ def reconstruct(
     }
     said |= {"response": response, "denoise": denoise, "zero": zero, **options}
     origin = made_by("reconstruct", options=said, inputs=sources)
-    found = (*_findings(pair, displacement, surface), *rim_findings(rim, displacement))
+    found = (*_findings(pair, displacement, surface), *orders, *rim_findings(rim, displacement))
     surface = replace(surface, provenance=origin, findings=found)
     return Reconstruction(surface, displacement, seconds)
 
@@ -163,9 +170,9 @@ def _displacement(
     denoise: Denoiser | None,
     zero: Zero,
     options: Mapping[str, MethodOption],
-) -> tuple[DisplacementMap, Rim | None]:
-    """The displacement of a pair's fringes, after the corrections that were asked for, and what the
-    rim tells of its zero."""
+) -> tuple[DisplacementMap, Rim | None, tuple[Finding, ...]]:
+    """The displacement of a pair's fringes, after the corrections that were asked for, what the rim
+    tells of its zero, and findings about fringe orders."""
     prepared = prepare(pair, response=response)
     if denoise is not None:
         plain = pair.reference is None  # a computed reference has no noise
@@ -173,11 +180,15 @@ def _displacement(
         prepared = replace(
             prepared, reference=reference, object=denoise_frame(prepared.object, denoise)
         )
-    found = analyse(prepared, method, **options)
+    found, torn = without_tears(prepared, analyse(prepared, method, **options))
+    corrected, shadows = by_shadows(prepared, found)
+    if pair.reference is not None:  # only a photograph of the plane tells paint from shadow
+        found = corrected
+    told = shadow_findings(shadows, torn, applied=pair.reference is not None)
     if zero == "reference" or pair.reference is None or pair.mask is not None:
-        return found, None
+        return found, None, told
     rim = measure_rim(prepared, found, pair.background)
-    return with_unknown_zero(without_movement(found, rim), rim), rim
+    return with_unknown_zero(without_movement(found, rim), rim), rim, told
 
 
 def _on_rays(surface: HeightMap, geometry: ReferencePlaneGeometry | None) -> HeightMap:

@@ -1,0 +1,146 @@
+"""Two frames and one: orders beside cliffs, waveforms, skirts of objects, and tilted fringes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from fringeworks import InputError, Pair, reconstruct
+from fringeworks.pair.analyse import analyse
+from fringeworks.pair.carrier import find_carrier
+from fringeworks.pair.prepared import prepare
+from fringeworks.pair.shadow_orders import by_shadows
+from fringeworks.pair.tears import without_tears
+
+SHAPE = (150, 220)
+PERIOD = 12.0
+Y, X = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+pytestmark = pytest.mark.statistical
+
+
+def photographed(u, *, lit=True, gamma=1.0, seed=0, drift=0.0):
+    """Fringes displaced by u px along x, blurred, with noise, 8 bit."""
+    wave = (0.5 + 0.5 * np.cos(2 * np.pi * ((X - u) / PERIOD + drift))) ** gamma
+    light = gaussian_filter(10.0 + 180.0 * wave * lit, 0.7)
+    noise = np.random.default_rng(seed).standard_normal(SHAPE)
+    return np.clip(np.round(light + noise), 0, 255).astype(np.uint8)
+
+
+def box(periods):
+    """A turned box of so many periods, lit from the left: its displacement, and what is lit."""
+    step = periods * PERIOD
+
+    def on(x):
+        along, across = 0.9 * (x - 90) + 0.436 * (Y - 75), 0.9 * (Y - 75) - 0.436 * (x - 90)
+        return (np.abs(along) < 35) & (np.abs(across) < 32)
+
+    shade = np.any([on(X - t) for t in np.arange(0.0, step, 0.5)], axis=0) & ~on(X)
+    return np.where(on(X), -step, 0.0), ~shade
+
+
+def boxed(periods):
+    u, lit = box(periods)
+    return Pair(photographed(0.0), photographed(u, lit=lit, seed=1), axis="x"), u, lit
+
+
+@pytest.mark.parametrize("periods", [0.7, 0.85, 1.4, 1.7])
+@pytest.mark.parametrize("method", ["fourier", "windowed"])
+def test_a_shadow_corrects_the_order_of_the_box_that_casts_it(periods, method):
+    pair, u, lit = boxed(periods)
+    result = reconstruct(pair, method)
+    error = (result.displacement.displacement_px - u)[lit] / PERIOD
+    known = np.isfinite(error)
+    # 12 % without the shadow; the rest are edges that filters have smeared.
+    assert np.mean(np.abs(error[known]) > 0.75) < 0.02
+    assert known.mean() > 0.7
+    assert "whole periods" in [f.kind for f in result.warnings]
+
+
+@pytest.mark.parametrize("periods", [0.2, 0.35])
+def test_a_low_box_keeps_its_order(periods):
+    pair, _, _ = boxed(periods)
+    prepared = prepare(pair)
+    found = analyse(prepared, "fourier")
+    again, orders = by_shadows(prepared, found)
+    assert again is found
+    assert orders.open_lines < 8
+
+
+def test_dark_paint_is_no_shadow():
+    dark = (np.abs(Y - 75) < 30) & (np.abs(X - 120) < 10)
+    reference, object_ = (photographed(0.0, lit=~dark, seed=seed) for seed in (0, 1))
+    prepared = prepare(Pair(reference, object_, axis="x"))
+    found = analyse(prepared, "fourier")
+    again, orders = by_shadows(prepared, found)
+    assert again is found
+    assert orders.open_lines == 0
+
+
+@pytest.mark.parametrize("whole", [-1, 2])
+def test_a_surface_torn_off_by_whole_periods_is_moved_back(whole):
+    hill = -8.0 * np.exp(-((X - 110) ** 2 + (Y - 75) ** 2) / 900)
+    prepared = prepare(Pair(photographed(0.0), photographed(hill, seed=1), axis="x"))
+    found = analyse(prepared, "fourier")
+    torn = (X > 140) & (np.abs(Y - 60) < 25)
+    moved = found.displacement_px + torn * whole * found.period_px
+    again, count = without_tears(prepared, replace(found, displacement_px=moved))
+    assert count == pytest.approx(torn.sum(), rel=0.02)
+    left = np.abs(again.displacement_px - found.displacement_px)
+    assert np.mean(left > 1e-3) < 0.002
+
+
+def test_steps_of_other_heights_are_no_tears():
+    u, lit = box(0.4)
+    prepared = prepare(Pair(photographed(0.0), photographed(u, lit=lit, seed=1), axis="x"))
+    found = analyse(prepared, "windowed")
+    assert without_tears(prepared, found)[1] == 0
+
+
+@pytest.mark.parametrize("gamma", [1.4, 2.2])
+def test_a_single_frame_has_the_waveform_of_its_background(gamma):
+    u = -9.0 * np.maximum(1.0 - np.hypot(X - 110, Y - 75) / 45.0, 0.0)
+    frame = photographed(u, gamma=gamma)
+    found = reconstruct(Pair(None, frame, axis="x"), "windowed").displacement
+    away = np.hypot(X - 110, Y - 75) > 55
+    z = (found.displacement_px - u) / found.sigma_px
+    assert np.nanmean(np.abs(z) < 2.0) > 0.93
+    assert np.nanmedian(found.sigma_px) < 0.2
+    assert np.nanmax(np.abs(found.displacement_px[away][:, None])) < 1.0
+
+
+@pytest.mark.parametrize("place", [(60, 60), (110, 75), (160, 90)])
+def test_the_skirt_of_an_object_does_not_tilt_its_background(place):
+    x, y = place
+    u = -20.0 * np.exp(-((X - x) ** 2 + (Y - y) ** 2) / (2 * 22.0**2))
+    found = reconstruct(Pair(None, photographed(u), axis="x"), "windowed").displacement
+    z = (found.displacement_px - u) / found.sigma_px
+    assert np.nanmean(np.abs(z) < 2.0) > 0.9
+    assert np.nanmean(np.abs(z) > 5.0) < 1e-3
+
+
+@pytest.mark.parametrize("tilt", [-46.0, -44.5, 44.5, 46.0])
+def test_fringes_at_45_degrees_have_a_carrier(tilt):
+    across = X * np.cos(np.radians(tilt)) + Y * np.sin(np.radians(tilt))
+    hill = 0.8 * np.exp(-((X - 110) ** 2 + (Y - 75) ** 2) / 900)
+    frame = 100 + 60 * np.cos(2 * np.pi * across / 15.0 + 2 * np.pi * hill)
+    found = find_carrier(frame)
+    assert abs(found.tilt_deg) < 50.0
+    assert 1 / np.hypot(1 / found.period_px, found.cross_frequency) == pytest.approx(15.0, rel=0.05)
+
+
+def test_fringes_along_the_axis_that_was_asked_for_are_told():
+    across = X * np.cos(np.radians(70)) + Y * np.sin(np.radians(70))
+    frame = 100 + 60 * np.cos(2 * np.pi * across / 12.0)
+    with pytest.raises(InputError, match="tilted by at most 60° against axis x, got 70°"):
+        find_carrier(frame, "x")
+
+
+def test_the_drift_of_a_row_method_is_removed():
+    u = -6.0 * np.exp(-((X - 110) ** 2 + (Y - 75) ** 2) / 900)
+    pair = Pair(photographed(0.0), photographed(u, drift=0.05, seed=1), axis="x")
+    result = reconstruct(pair, "gsifa")
+    assert "moved frame" in [f.kind for f in result.warnings]
+    assert abs(np.nanmedian(result.displacement.displacement_px - u)) < 0.05

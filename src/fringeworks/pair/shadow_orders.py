@@ -18,6 +18,7 @@ from fringeworks.pair.order_range import AWAY, SHADOW_TOLERANCE, dark_pixels
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.signal.filters import widened
 from fringeworks.types import BoolMap, DisplacementMap, FloatMap, Frozen, Reason, sealed
+from fringeworks.types.packages import cv2
 
 MIN_SHADOW = 0.5
 """Shortest shadow whose width is read, periods: a step that is taken for one in the other direction
@@ -40,6 +41,8 @@ RING = (0.75, 1.25)
 """Distance of these surroundings, periods: filters smear a cliff over about a period."""
 LARGEST = 0.4
 """Largest share of the frame that is moved: what is larger is the background."""
+UNKNOWN_PX = 1e9
+"""Stands for unknown displacements where surfaces are filled: no level surface reaches them."""
 MAX_SURFACES = 64
 """Largest number of surfaces that are looked at; it bounds the time."""
 
@@ -143,26 +146,31 @@ def _seen(prepared: PreparedPair, u: FloatMap, period_px: float) -> _Seen:
     def taken(values: np.ndarray) -> np.ndarray:
         return np.asarray(np.take_along_axis(values, rows, axis=0))
 
-    dark = taken(dark_pixels(prepared.object, period_px)) * inside
-    painted = taken(dark_pixels(prepared.reference, period_px))
-    displacement = taken(u)
+    dark = taken(dark_pixels(prepared.object, period_px)) & inside
+    if not dark.any():
+        none = np.zeros((0, 2), np.intp)
+        return _Seen(none, none, np.zeros(0, np.int16))
+    # On lines one after the other: where darkness begins, and the first pixel beyond it.
+    ends = np.diff(np.pad(dark, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    (line, first), (_, last) = np.nonzero(ends > 0), np.nonzero(ends < 0)
     away = max(1, round(AWAY * period_px))
-    places, wholes = [], []
-    for line in np.flatnonzero(dark.any(axis=1)):
-        ends = np.flatnonzero(np.diff(dark[line], prepend=0, append=0))
-        for first, last in ends.reshape(-1, 2):  # the last is the first pixel beyond
-            before, beyond = first - away, last - 1 + away
-            if last - first < MIN_SHADOW * period_px or before < 0 or beyond >= w:
-                continue
-            if painted[line, first:last].mean() > 0.5:
-                continue  # it is as dark on the reference: paint, or a hole
-            step = displacement[line, beyond] - displacement[line, before]
-            periods = ((last - first) * (1.0 + slope**2) - step) / period_px
-            if np.abs(periods - np.round(periods)) < SHADOW_TOLERANCE:
-                places.append((rows[line, before], rows[line, beyond], before, beyond))
-                wholes.append(int(np.round(periods)))
-    at = np.asarray(places, np.intp).reshape(-1, 4)
-    return _Seen(at[:, :2], at[:, 2:], np.asarray(wholes, np.int16))
+    before, beyond = first - away, last - 1 + away
+    kept = (last - first >= MIN_SHADOW * period_px) & (before >= 0) & (beyond < w)
+    # As dark on the reference: paint, or a hole.
+    painted = np.cumsum(taken(dark_pixels(prepared.reference, period_px)), axis=1, dtype=np.int32)
+    until = np.pad(painted, ((0, 0), (1, 0)))
+    kept &= 2 * (until[line, last] - until[line, first]) <= last - first
+    line, before, beyond, width = (v[kept] for v in (line, before, beyond, last - first))
+    displacement = taken(u)
+    step = displacement[line, beyond] - displacement[line, before]
+    periods = (width * (1.0 + slope**2) - step) / period_px
+    sure = np.abs(periods - np.round(periods)) < SHADOW_TOLERANCE  # not where a step is unknown
+    line, before, beyond = line[sure], before[sure], beyond[sure]
+    return _Seen(
+        np.stack((rows[line, before], rows[line, beyond]), axis=1),
+        np.stack((before, beyond), axis=1),
+        np.round(periods[sure]).astype(np.int16),
+    )
 
 
 def _surfaces(
@@ -172,9 +180,12 @@ def _surfaces(
     None for what cannot be separated from the background."""
     found: list[tuple[BoolMap | None, NDArray[np.int16]]] = []
     todo = seen.whole != 0
+    known = np.nan_to_num(u, nan=UNKNOWN_PX).astype(np.float32)
     while todo.any() and len(found) < MAX_SURFACES:
         first = int(np.flatnonzero(todo)[0])
-        sides = [_level(u, seen.rows[first, k], seen.columns[first, k], period_px) for k in (0, 1)]
+        sides = [
+            _level(known, seen.rows[first, k], seen.columns[first, k], period_px) for k in (0, 1)
+        ]
         sizes = [surface.mean() for surface in sides]
         side = int(np.argmin(sizes))
         surface = sides[side]
@@ -207,9 +218,10 @@ def _ends_at_cliffs(surface: BoolMap, steep: BoolMap, period_px: float) -> bool:
     return all(part.any() and float(np.mean(~steep[part])) >= FLAT_SHARE for part in parts)
 
 
-def _level(u: FloatMap, row: int, column: int, period_px: float) -> BoolMap:
+def _level(u: NDArray[np.float32], row: int, column: int, period_px: float) -> BoolMap:
     """The connected pixels whose displacement is about that of one of them, (h, w)."""
-    with np.errstate(invalid="ignore"):
-        near = np.abs(u - u[row, column]) < LEVEL * period_px
-    label, _ = scipy.ndimage.label(near)
-    return np.asarray((label == label[row, column]) & near)
+    filled = np.zeros((u.shape[0] + 2, u.shape[1] + 2), np.uint8)
+    range_px = LEVEL * period_px
+    flags = cv2.FLOODFILL_FIXED_RANGE | cv2.FLOODFILL_MASK_ONLY | 4
+    cv2.floodFill(u, filled, (int(column), int(row)), 0.0, range_px, range_px, flags)
+    return np.asarray(filled[1:-1, 1:-1] > 0)

@@ -95,36 +95,29 @@ def without_tears(prepared: PreparedPair, found: DisplacementMap) -> tuple[Displ
     surface = surfaces_of(u, walls, period)
     if surface.max(initial=0) < 2:
         return found, 0
-    orders = _tears(*_touching(u, surface, period), period)
+    reach = max(2.0, GAP * period)
+    distance, nearest = scipy.ndimage.distance_transform_edt(surface == 0, return_indices=True)
+    near = np.where(distance <= reach, surface[tuple(nearest)], 0)
+    orders = _tears(*_touching(u[tuple(nearest)], near), period)
     moved = np.zeros(int(surface.max()) + 1, np.int64)
     for number in sorted(orders):  # larger ones first: a surface may follow one that was moved
         beside, whole = orders[number]
         moved[number] = moved[beside] + whole
     if not moved.any():
         return found, 0
-    change = turn(moved[_continued(surface, np.isfinite(u), period)])
+    change = turn(moved[np.where(np.isfinite(u), near, 0)])
     shifted = found.displacement_px + found.period_px * change
     kind = found.displacement_px.dtype
     count = int(np.count_nonzero(change))
     return replace(found, displacement_px=sealed(shifted.astype(kind))), count
 
 
-def _continued(surface: Surfaces, known: BoolMap, period_px: float) -> Surfaces:
-    """The surfaces with the pixels at their edges, which belong to the nearest one."""
-    reach = max(2.0, GAP * period_px)
-    distance, nearest = scipy.ndimage.distance_transform_edt(surface == 0, return_indices=True)
-    return np.where(known & (distance <= reach), surface[tuple(nearest)], 0)
-
-
 def _touching(
-    u: FloatMap, surface: Surfaces, period_px: float
+    there: FloatMap, near: Surfaces
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], FloatMap]:
     """Pairs of surfaces at the places where they touch, (n,), the larger one first, and how much
-    the first is displaced further than the second, px."""
-    reach = max(2.0, GAP * period_px)
-    distance, nearest = scipy.ndimage.distance_transform_edt(surface == 0, return_indices=True)
-    near = np.where(distance <= reach, surface[tuple(nearest)], 0)
-    there = u[tuple(nearest)]
+    the first is displaced further than the second, px, by the displacement ``there`` of the nearest
+    pixel of a surface."""
     parts = []
     for axis in (0, 1):
         one, two = _sides(axis)

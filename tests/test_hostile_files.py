@@ -212,6 +212,8 @@ def test_numbers_and_names_without_end(tmp_path):
 
 
 NAMES = (name for name in public_names() if name.startswith("files.read_"))
+MORE = {"files.read_study": ("diameter",)}
+"""What else these readers need."""
 READERS = ["read", *sorted(name for name in NAMES if name != "files.read_pair")]
 
 
@@ -220,7 +222,7 @@ def test_names_that_no_file_can_have_are_refused(name, tmp_path):
     for letters in ("b" * 5000, "b\0"):
         for path in (tmp_path / letters, f"a/{letters}.toml", f"{letters}.zarr", f"{letters}.png"):
             with pytest.raises(fw.InputError):
-                next(iter(public(name)(path)))
+                next(iter(public(name)(path, *MORE.get(name, ()))))
 
 
 def test_recipes_with_long_names_are_refused_in_a_sentence(tmp_path):

@@ -167,7 +167,9 @@ def decoded(content: bytes) -> str:
     """The text; Excel on Windows writes the code page 1252 unless asked for UTF-8."""
     try:
         return text_of(content)
-    except UnicodeDecodeError:
+    except FileProblem as problem:
+        if not isinstance(problem.__cause__, UnicodeDecodeError):
+            raise
         return content.decode("cp1252")
 
 

@@ -45,8 +45,8 @@ def with_spread(ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int) 
     -------
     Ripple
         Both, weighted by their variances, where the orders that a response makes, multiples of the
-        number of steps, are significant by the spread, and the largest one is the same both ways;
-        otherwise the one of the lines.
+        number of steps, are largest at once that number, and significant and the same both ways;
+        otherwise the one of the lines. A projector's pixel grid is largest at a higher multiple.
 
     Notes
     -----
@@ -60,11 +60,11 @@ def with_spread(ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int) 
     if places < MIN_PLACES:
         return ripple
     lines, of_lines = ripple.phasors_rad[response], ripple.errors_rad[response]
-    largest = int(np.argmax(np.abs(seen)))
-    off = abs(seen[largest] - lines[largest])
+    off = abs(seen[0] - lines[0])
     if not (
-        abs(seen[largest]) > SIGNIFICANT_AMPLITUDE * errors[largest]
-        and off < ALIKE * np.hypot(errors[largest], of_lines[largest])
+        np.argmax(np.abs(seen)) == 0
+        and abs(seen[0]) > SIGNIFICANT_AMPLITUDE * errors[0]
+        and off < ALIKE * np.hypot(errors[0], of_lines[0])
     ):
         return ripple
     phasors, all_errors = ripple.phasors_rad.copy(), ripple.errors_rad.copy()

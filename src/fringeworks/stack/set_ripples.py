@@ -137,10 +137,7 @@ def ripples_of_sets(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> lis
     if np.std(phases.residual_rad[: len(orders)], axis=1).max() > MAX_RESIDUAL_RAD:
         return [None] * len(orders)
     waves = _waves(phases.phase_rad, orders)
-    first, _ = _expected(waves, gram(waves), phases, orders)
-    left = np.abs(phases.residual_rad - _explained(waves, phases, orders, first))
-    limit = OUTLIER_SIGMAS * MAD_TO_SIGMA * np.array([[median(row)] for row in left])
-    kept = np.all(left <= limit, axis=0)
+    kept = _inliers(waves, phases, orders)
     waves, phases = waves[:, kept], phases.at(kept)
     products = gram(waves)
     expected, covariance = _expected(waves, products, phases, orders)
@@ -175,6 +172,16 @@ def ripples_of_sets(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> lis
             )
         )
     return found
+
+
+def _inliers(
+    waves: FloatMap, phases: SetPhases, orders: Sequence[tuple[int, ...]]
+) -> NDArray[np.bool_]:
+    """Pixels whose residuals a first fit explains."""
+    first, _ = _expected(waves, gram(waves), phases, orders)
+    left = np.abs(phases.residual_rad - _explained(waves, phases, orders, first))
+    limit = OUTLIER_SIGMAS * MAD_TO_SIGMA * np.array([[median(row)] for row in left])
+    return np.asarray(np.all(left <= limit, axis=0))
 
 
 def _waves(phase_rad: FloatMap, orders: Sequence[tuple[int, ...]]) -> FloatMap:

@@ -12,6 +12,9 @@ function edge(surface, i, j) {
   return all.filter((_, k) => k % every === 0 || k === all.length - 1);
 }
 
+/** Screen pixels to a tenth: a path of full doubles would be three times as long. */
+const tenths = (px) => Math.round(10 * px) / 10;
+
 /** A path over the surface's points, interrupted where none were measured. */
 function pathOf(viewer, surface, pixels) {
   const { m11, m21, m31, m41, m12, m22, m32, m42 } = viewer.view.toScreen;
@@ -24,7 +27,7 @@ function pathOf(viewer, surface, pixels) {
     if (reason[i] || Number.isNaN(column + row)) {
       pen = "M";
     } else {
-      text += `${pen}${column.toFixed(1)} ${row.toFixed(1)}`;
+      text += `${pen}${tenths(column)} ${tenths(row)}`;
       pen = "L";
     }
   }

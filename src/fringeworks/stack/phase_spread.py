@@ -7,7 +7,7 @@ the error of each. Relief of the surface, which single fringes cannot be told fr
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,48 +56,69 @@ def with_spread(ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int) 
     same surface, and count once. To first order, an amplitude is 2/k of that mean.
     """
     response = [k for k, order in enumerate(ripple.orders) if order % steps == 0]
-    seen, errors, places = _harmonics(phase_rad, used, tuple(ripple.orders[k] for k in response))
-    if places < MIN_PLACES:
+    orders = tuple(ripple.orders[k] for k in response)
+    spread = _Spread.of(phase_rad, used, (*range(1, RESPONSE_ORDER), *orders))
+    if spread is None or not spread.clear(orders[0]):
         return ripple
+    seen = _phasors(phase_rad[used], orders)
+    errors = np.hypot([spread.error(k) for k in orders], SMOOTHED * np.abs(seen))
     lines, of_lines = ripple.phasors_rad[response], ripple.errors_rad[response]
     off = abs(seen[0] - lines[0])
-    if not (
-        np.argmax(np.abs(seen)) == 0
-        and abs(seen[0]) > SIGNIFICANT_AMPLITUDE * errors[0]
-        and off < ALIKE * np.hypot(errors[0], of_lines[0])
-    ):
+    if np.argmax(np.abs(seen)) != 0 or off > ALIKE * np.hypot(errors[0], of_lines[0]):
         return ripple
     phasors, all_errors = ripple.phasors_rad.copy(), ripple.errors_rad.copy()
     weights = 1.0 / errors**2, 1.0 / of_lines**2
     phasors[response] = (weights[0] * seen + weights[1] * lines) / sum(weights)
     all_errors[response] = sum(weights) ** -0.5
-    return replace(ripple, phasors_rad=phasors, errors_rad=all_errors, places=places)
+    return replace(ripple, phasors_rad=phasors, errors_rad=all_errors, places=spread.places)
 
 
-def _harmonics(
-    phase_rad: FloatMap, used: BoolMap, orders: tuple[int, ...]
-) -> tuple[NDArray[np.complex128], NDArray[np.float64], int]:
-    """Phasors of the error by the spread of the phases, their standard errors, rad, and the number
-    of places that they come from."""
-    starts = np.linspace(0, used.shape[1], PLACES, endpoint=False).astype(int)
-    counts = np.add.reduceat(used.sum(axis=0), starts)
-    places = int(np.count_nonzero(counts))
-    if places < MIN_PLACES:
-        return np.zeros(len(orders), complex), np.ones(len(orders)), places
-    measured = np.sort(np.mod(phase_rad[used].astype(np.float64), TURN))
+@dataclass(frozen=True)
+class _Spread:
+    """How uneven phases are, by order k."""
+
+    sizes_rad: dict[int, float]
+    """2/k of the modulus of the mean of e^{ikφ'}."""
+    scatter_rad: dict[int, float]
+    """Its standard deviation, by the scatter over places."""
+    places: int
+
+    @classmethod
+    def of(cls, phase_rad: FloatMap, used: BoolMap, orders: tuple[int, ...]) -> _Spread | None:
+        """That of some pixels of lines; None where they are at too few places."""
+        starts = np.linspace(0, used.shape[1], PLACES, endpoint=False).astype(int)
+        counts = np.add.reduceat(used.sum(axis=0), starts)
+        places, total = int(np.count_nonzero(counts)), int(counts.sum())
+        if places < MIN_PLACES:
+            return None
+        turned = np.where(used, np.exp(np.complex64(1j) * phase_rad), np.complex64(0.0))
+        power, sizes, scatter = np.ones_like(turned), {}, {}
+        for order in range(1, max(orders) + 1):
+            power = power * turned
+            if order not in orders:
+                continue
+            sums = np.add.reduceat(np.sum(power, axis=0, dtype=complex), starts)
+            off = sums - counts * sums.sum() / total
+            square = 0.5 * float(np.sum(np.abs(off) ** 2)) * places / (places - 1.0)
+            sizes[order] = 2.0 / order * abs(complex(sums.sum())) / total
+            scatter[order] = 2.0 / order * square**0.5 / total
+        return cls(sizes, scatter, places)
+
+    def error(self, order: int) -> float:
+        """Standard error of an amplitude, rad: the products of what is uneven in low orders look
+        like ripple of higher ones, too."""
+        uneven = sum(self.sizes_rad[k] ** 2 for k in range(1, RESPONSE_ORDER))
+        return float(np.hypot(self.scatter_rad[order], 0.5 * order * uneven))
+
+    def clear(self, order: int) -> bool:
+        """Whether ripple of an order is seen for certain."""
+        return self.sizes_rad[order] > SIGNIFICANT_AMPLITUDE * self.error(order)
+
+
+def _phasors(measured_rad: FloatMap, orders: tuple[int, ...]) -> NDArray[np.complex128]:
+    """Phasors of the error by the spread of the phases, rad."""
+    measured = np.sort(np.mod(measured_rad.astype(np.float64), TURN))
     true = TURN * (np.arange(measured.size) + 0.5) / measured.size
     start = float(np.mean(measured - true))  # the phase that the cumulative share begins with
     error, true = measured - true - start, true + start
-    phasors = np.array([2.0 * np.mean(error * np.exp(1j * k * true)) for k in orders])
-    turned = np.where(used, np.exp(1j * phase_rad), 0.0)
-    uneven = [2.0 / k * abs(np.sum(turned**k)) / measured.size for k in range(1, RESPONSE_ORDER)]
-    errors = []
-    for order, z in zip(orders, phasors, strict=True):
-        sums = np.add.reduceat(np.sum(turned**order, axis=0), starts)
-        off = sums - counts * sums.sum() / measured.size
-        square = 0.5 * np.sum(np.abs(off) ** 2) * places / (places - 1.0)
-        scatter = 2.0 / order * square**0.5 / measured.size
-        # The products of what is uneven in low orders look like ripple of higher ones.
-        products = 0.5 * order * np.sum(np.square(uneven))
-        errors.append(np.sqrt(scatter**2 + products**2 + (SMOOTHED * abs(z)) ** 2))
-    return phasors, np.array(errors), places
+    return np.array([2.0 * np.mean(error * np.exp(1j * k * true)) for k in orders])

@@ -20,13 +20,14 @@ PACKED = {("10", "p"), ("12", "p"), ("10", "Packed"), ("12", "Packed")}
 
 
 def full_scale(name: str) -> int:
-    """Return the largest count of a pixel format, such as 4095 for Mono12p.
+    """Return the largest count of a pixel format, such as 4095 for Mono12p, or 255 for RGB8.
 
     Raises
     ------
     InputError for a format that is not read.
     """
-    return int(2 ** int(_parsed(name)[1]) - 1)
+    samples = "Mono" + name.removeprefix("RGB") if name.startswith("RGB") else name
+    return int(2 ** int(_parsed(samples)[1]) - 1)
 
 
 def unpacked(content: NDArray[np.uint8], shape: tuple[int, int], name: str) -> NDArray[Any]:

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.types import InputError
+from fringeworks.types import DeviceProblem, InputError
 from fringeworks.types.packages import need_opencv
 
 Channel = Literal["luminance", "red", "green", "blue"]
@@ -100,15 +100,35 @@ def to_grey(raw: NDArray[Any], name: str, channel: Channel = "luminance") -> NDA
         raise InputError(f"channel: expected one of {get_args(Channel)}, got {channel!r}")
     if kind == "Mono":
         return raw
+    if channel == "luminance":
+        return _interpolated(raw, kind, "GRAY")
+    colours = _interpolated(raw, kind, "RGB")
+    return np.ascontiguousarray(colours[..., ("red", "green", "blue").index(channel)])
+
+
+def to_colours(raw: NDArray[Any], name: str) -> NDArray[Any]:
+    """Return a frame (h, w, 3) with red, green and blue from the samples of a colour camera.
+
+    Raises
+    ------
+    DeviceProblem for a Mono format.
+    """
+    kind, _, _ = _parsed(name)
+    if kind == "Mono":
+        raise DeviceProblem(
+            f"camera: expected a pixel format with colours, such as BayerRG8, got {name}"
+        )
+    return _interpolated(raw, kind, "RGB")
+
+
+def _interpolated(raw: NDArray[Any], kind: str, wanted: str) -> NDArray[Any]:
+    """The colours or the luminance of the samples behind a mosaic of filters."""
     need_opencv("the frame of a colour camera")
     import cv2
 
     # OpenCV names a pattern by the second and third pixel of the second row.
     code = {"RG": "BG", "GR": "GB", "GB": "GR", "BG": "RG"}[kind[-2:]]
-    if channel == "luminance":
-        return np.asarray(cv2.cvtColor(raw, getattr(cv2, f"COLOR_Bayer{code}2GRAY")))
-    colours = cv2.cvtColor(raw, getattr(cv2, f"COLOR_Bayer{code}2BGR"))
-    return np.ascontiguousarray(colours[..., ("blue", "green", "red").index(channel)])
+    return np.asarray(cv2.cvtColor(raw, getattr(cv2, f"COLOR_Bayer{code}2{wanted}")))
 
 
 def _parsed(name: str) -> tuple[str, str, str]:

@@ -117,7 +117,7 @@ def virtual_bench(
 def _painted(view: View) -> FloatMap:
     """Reflectance of patches of paint, (h, w, 3)."""
     across, down = (np.floor(np.nan_to_num(view.points_mm[..., k]) / PATCH_MM) for k in (0, 1))
-    return np.array(PAINTS)[(across + 2 * down).astype(int) % len(PAINTS)]
+    return np.asarray(np.array(PAINTS)[(across + 2 * down).astype(int) % len(PAINTS)])
 
 
 def _bodies(scene: str) -> list[Body]:
@@ -128,7 +128,9 @@ def _bodies(scene: str) -> list[Body]:
     if scene.startswith(TABLE_PREFIX) and _is_angle(scene.removeprefix(TABLE_PREFIX)):
         return _turned(float(scene.removeprefix(TABLE_PREFIX)))
     if scene not in SCENES:
-        names = ", ".join([*SCENES, PAINTED, "board-0", f"… board-{POSES - 1}", f"{TABLE_PREFIX}ANGLE"])
+        names = ", ".join(
+            [*SCENES, PAINTED, "board-0", f"… board-{POSES - 1}", f"{TABLE_PREFIX}ANGLE"]
+        )
         raise DeviceProblem(f"virtual scene {scene!r}: expected one of {names}")
     return SCENES[scene]()
 

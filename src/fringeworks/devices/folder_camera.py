@@ -60,9 +60,9 @@ class FolderCamera(Closing):
     Notes
     -----
     A file counts when it no longer changes and can be decoded. Colour becomes luminance (BT.601),
-    rounded to whole counts, unless ``deliver_colours`` asks for it. Settings are those of the program that writes: switch automatic
-    exposure, white balance and focus off there. Frames are asked for there as well, so let it take
-    one photograph after the other.
+    rounded to whole counts, unless ``deliver_colours`` asks for it. Settings are those of the
+    program that writes: switch automatic exposure, white balance and focus off there. Frames are
+    asked for there as well, so let it take one photograph after the other.
     """
 
     def __init__(self, folder: str | os.PathLike[str], *, settled_s: float = SETTLED_S) -> None:

@@ -241,7 +241,9 @@ class HttpCamera(FromReader):
 
     def limits(self) -> CameraLimits:
         """Frame size and rate."""
-        return CameraLimits(*self._size_px, pixel_formats=(self._format,), frame_s=self._reader.period_s)
+        return CameraLimits(
+            *self._size_px, pixel_formats=(self._format,), frame_s=self._reader.period_s
+        )
 
     def configure(self, settings: CameraSettings) -> CameraSettings:
         """Return the frame size as the region; nothing can be set.

@@ -55,8 +55,8 @@ class Grab(Frozen):
         shaped = self.pixels.ndim == 2 or self.pixels.shape[2:] == (COLOURS,)
         if not shaped or self.pixels.dtype not in (np.uint8, np.uint16):
             raise InputError(
-                "camera: expected frames of shape (h, w) or (h, w, 3) and type uint8 or uint16, got "
-                f"{self.pixels.shape} and {self.pixels.dtype}"
+                "camera: expected frames of shape (h, w) or (h, w, 3) and type uint8 or uint16, "
+                f"got {self.pixels.shape} and {self.pixels.dtype}"
             )
 
 
@@ -141,7 +141,7 @@ class Projector(Protocol):
 
 @runtime_checkable
 class ColourProjector(Projector, Protocol):
-    """A projector whose ``show`` takes pictures (rows, columns, 3) with red, green and blue, too."""
+    """A projector whose ``show`` also takes pictures in red, green and blue, (rows, columns, 3)."""
 
     @property
     def shows_colours(self) -> bool:

@@ -43,8 +43,7 @@ GAINS_DB = (0.0, 24.0)
 
 FILTERS = ((0.90, 0.08, 0.02), (0.07, 0.85, 0.08), (0.02, 0.12, 0.86))
 """Shares of the projector's red, green and blue in the channels red, green and blue of the virtual
-camera. A spectral simulation of projectors with LEDs and of cameras with mosaics of filters has 2 to
-12 % of other colours in a channel."""
+camera. Other colours have 2 to 12 %, as in the spectral simulation of docs/few-frames.md."""
 
 
 class Scene(Protocol):

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.devices.frame_reader import FrameReader, FromReader
-from fringeworks.devices.pixel_formats import Channel
 from fringeworks.devices.http_camera import colours_of
+from fringeworks.devices.pixel_formats import Channel
 from fringeworks.devices.protocols import CameraLimits, Grab
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, Region
 from fringeworks.types.packages import need_opencv
@@ -123,7 +123,9 @@ class WebcamCamera(FromReader):
 
     def limits(self) -> CameraLimits:
         """Frame size and rate; OpenCV tells no limits of exposure and gain."""
-        return CameraLimits(*self._size_px, pixel_formats=(self._format,), frame_s=self._reader.period_s)
+        return CameraLimits(
+            *self._size_px, pixel_formats=(self._format,), frame_s=self._reader.period_s
+        )
 
     def configure(self, settings: CameraSettings) -> CameraSettings:
         """Change settings; see ``Camera.configure``.
@@ -175,7 +177,8 @@ class WebcamCamera(FromReader):
             )
         if settings.pixel_format not in (None, self._format):
             raise InputError(
-                f"{self.name}: expected the pixel format {self._format}, got {settings.pixel_format}"
+                f"{self.name}: expected the pixel format {self._format}, got "
+                f"{settings.pixel_format}"
             )
         if settings.triggered:
             raise InputError(f"{self.name}: expected triggered=False: webcams have no trigger")

@@ -80,8 +80,8 @@ def capture(
     Raises
     ------
     InputError for a plan that the projector cannot show or whose colours the camera cannot see, or
-    other settings than those of the interrupted capture; DeviceProblem where frames do not come or too many pixels are saturated;
-    FileProblem where the folder cannot be written to.
+    other settings than those of the interrupted capture; DeviceProblem where frames do not come or
+    too many pixels are saturated; FileProblem where the folder cannot be written to.
 
     Examples
     --------
@@ -105,7 +105,9 @@ def capture(
         taken = settings_to_resume(folder)
         settings = taken if exposure == "auto" else settings.over(taken)
     with seeing_colours(camera, plan):
-        used = _configured(projector, camera, plan, settings, auto=exposure == "auto" and not resume)
+        used = _configured(
+            projector, camera, plan, settings, auto=exposure == "auto" and not resume
+        )
     with writing_capture(
         folder,
         plan,

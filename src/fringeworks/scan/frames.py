@@ -73,9 +73,8 @@ def take_frames(
     Raises
     ------
     InputError for a plan that the projector cannot show, or whose colours the camera cannot see;
-    DeviceProblem where frames do not come,
-    too many pixels are saturated, or an exposure of no whole refresh periods sees another part of
-    the projector's light in every frame.
+    DeviceProblem where frames do not come, too many pixels are saturated, or an exposure of no
+    whole refresh periods sees another part of the projector's light in every frame.
     """
     check_plan(projector, plan, colours=True)
     if not 1 <= average <= MOST_AVERAGED:

@@ -219,8 +219,6 @@ def test_plans_that_do_not_fit_into_colours(blocks, options, words):
 def test_what_shows_or_takes_grey_pictures_says_so(tmp_path):
     with pytest.raises(fw.InputError, match="expected grey pictures here, got colours"):
         next(thrown(PLAN))
-    with pytest.raises(fw.InputError, match="expected grey pictures here, got colours"):
-        fw.capture(*fw.devices.virtual_bench("sphere"), PLAN, tmp_path / "shots")
     with pytest.raises(fw.InputError, match="takes all three"):
         fw.files.write_stack(tmp_path / "s", photographs(PLAN, 11), PLAN)
         fw.files.read_stack(tmp_path / "s", channels="g")

@@ -26,7 +26,7 @@ ELSEWHERE = {
     "devices, in their own tests": (
         "open_", "list_devices", "ListedDevice", "virtual_bench", "virtual_rig", "WindowProjector", "MemoryProjector",
         "WebcamCamera", "GenicamCamera", "GentlCamera", "FolderCamera", "Camera", "CameraLimits", "Projector", "TriggeredCamera", "Clock",
-        "VideoMode", "Grab", "LineCamera", "SequenceProjector", "SequenceSettings", "Dlpc900", "Dlpc350", "DlpStatus", "TriggerBox", "GrblTable",
+        "VideoMode", "Grab", "LineCamera", "ColourCamera", "ColourProjector", "SequenceProjector", "SequenceSettings", "Dlpc900", "Dlpc350", "DlpStatus", "TriggerBox", "GrblTable",
         "camera_kind", "projector_kind", "scanner_kind", "measure_delay", "Delay", "take",
         "take_frames", "capture", "capture_hdr", "capture_together", "CameraGroup", "PtpCamera", "live", "LiveCloud", "TakenPose", "calibrate_live", "PoseTaker",
         "take_poses", "auto_exposure", "exposure_series", "Setup", "SetupStopped", "SetupTests", "StoredSetup", "set_up",

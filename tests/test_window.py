@@ -95,6 +95,19 @@ def test_no_byte_differs():
                 assert np.array_equal(shown[:, :, colour], picture), k
 
 
+@pytest.mark.parametrize("screen", [(642, 400)], indirect=True)
+@pytest.mark.usefixtures("screen")
+def test_no_byte_differs_in_colours():
+    steps = PhaseSteps("x", 16.0, equal_steps(3))
+    pictures = list(encode(PatternPlan(642, 400, (steps,), colours=True)))
+    with WindowProjector() as window, mss.MSS() as source:
+        assert window.shows_colours
+        for picture in (*pictures, pictures[0][..., 0], *pictures):
+            window.show(np.ascontiguousarray(picture))
+            shown = grabbed(source)[:, :, ::-1]  # blue comes first
+            assert np.array_equal(shown, np.broadcast_to(np.atleast_3d(picture), shown.shape))
+
+
 @pytest.mark.parametrize("screen", [(640, 400)], indirect=True)
 @pytest.mark.usefixtures("screen")
 def test_what_cannot_be_shown_is_refused():

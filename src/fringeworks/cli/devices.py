@@ -342,7 +342,7 @@ def take_poses(
 
 def _take(bench: fw.scan.Bench, folder: Path, how: fw.scan.Take) -> None:
     """Take the frames of the bench's plan into a folder, and show how far they are."""
-    with output.progress(bench.plan.frames * how.hdr) as step:
+    with output.progress(bench.plan.pictures * how.hdr) as step:
         fw.scan.take(bench, folder, how, progress=step)
 
 

@@ -6,6 +6,8 @@ from .protocols import (
     TriggeredCamera as TriggeredCamera,
     LineCamera as LineCamera,
     PtpCamera as PtpCamera,
+    ColourCamera as ColourCamera,
+    ColourProjector as ColourProjector,
 )
 from ..types import (
     CameraSettings as CameraSettings,

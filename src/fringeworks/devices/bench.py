@@ -16,7 +16,7 @@ from fringeworks.rig.calibration.board import parse_board
 from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.simulate.bodies import Body, Plane, Sphere
 from fringeworks.simulate.standard import board_body, board_poses, bust, standard_rig
-from fringeworks.simulate.virtual_rig import look
+from fringeworks.simulate.virtual_rig import View, look
 from fringeworks.types import DeviceProblem, FloatMap, Rig
 
 SCALE = 0.3
@@ -54,6 +54,15 @@ SCENES: dict[str, Callable[[], list[Body]]] = {
 ``turntable-ANGLE`` is the bust on a turntable."""
 
 
+PAINTED = "painted"
+"""Name of the scene with the bust in patches of paint."""
+PATCH_MM = 14.0
+"""Side of the patches, mm."""
+PAINTS = ((0.85, 0.75, 0.60), (0.80, 0.30, 0.25), (0.35, 0.75, 0.40), (0.30, 0.45, 0.85))
+"""Reflectance of the patches for red, green and blue, relative to the bust's albedo: ivory, red,
+green and blue paint with half of its light or less outside its own colour."""
+
+
 def virtual_rig() -> Rig:
     """Return the true rig of the virtual bench: camera, projector and their relative pose.
 
@@ -73,7 +82,8 @@ def virtual_bench(
     Parameters
     ----------
     scene : str
-        ``bust`` (the default), ``plane`` or ``sphere``; ``board-0`` to ``board-11``, twelve poses
+        ``bust`` (the default), ``plane``, ``sphere``, or ``painted``, the bust in patches of paint;
+        ``board-0`` to ``board-11``, twelve poses
         of a calibration board ``chessboard:11x8:12``, whose squares have 12 mm; or
         ``turntable-ANGLE``, the bust on a turntable that stands at this angle in degrees.
     clock : Clock, optional
@@ -97,10 +107,17 @@ def virtual_bench(
     ((576, 360), 384)
     """
     rig = virtual_rig()
-    view = look(rig, _bodies(scene or "bust"))
+    view = look(rig, _bodies("bust" if scene in ("", PAINTED) else scene))
+    paint = _painted(view) if scene == PAINTED else None
     model = ProjectorModel(rig.projector.width_px, rig.projector.height_px)
     projector = VirtualProjector(model, clock=clock, seed=seed)
-    return projector, VirtualCamera(RigScene(view), projector, MODEL, seed=seed)
+    return projector, VirtualCamera(RigScene(view, paint=paint), projector, MODEL, seed=seed)
+
+
+def _painted(view: View) -> FloatMap:
+    """Reflectance of patches of paint, (h, w, 3)."""
+    across, down = (np.floor(np.nan_to_num(view.points_mm[..., k]) / PATCH_MM) for k in (0, 1))
+    return np.asarray(np.array(PAINTS)[(across + 2 * down).astype(int) % len(PAINTS)])
 
 
 def _bodies(scene: str) -> list[Body]:
@@ -111,7 +128,9 @@ def _bodies(scene: str) -> list[Body]:
     if scene.startswith(TABLE_PREFIX) and _is_angle(scene.removeprefix(TABLE_PREFIX)):
         return _turned(float(scene.removeprefix(TABLE_PREFIX)))
     if scene not in SCENES:
-        names = ", ".join([*SCENES, "board-0", f"… board-{POSES - 1}", f"{TABLE_PREFIX}ANGLE"])
+        names = ", ".join(
+            [*SCENES, PAINTED, "board-0", f"… board-{POSES - 1}", f"{TABLE_PREFIX}ANGLE"]
+        )
         raise DeviceProblem(f"virtual scene {scene!r}: expected one of {names}")
     return SCENES[scene]()
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.devices.protocols import CameraLimits, Closing, Grab
-from fringeworks.files.images import IMAGE_SUFFIXES, TIFF_SUFFIXES, read_frames
+from fringeworks.files.images import CHANNELS, IMAGE_SUFFIXES, TIFF_SUFFIXES, read_frames
 from fringeworks.types import CameraSettings, DeviceProblem, FileProblem, InputError, Region
 
 POLL_S = 0.05
@@ -60,9 +60,9 @@ class FolderCamera(Closing):
     Notes
     -----
     A file counts when it no longer changes and can be decoded. Colour becomes luminance (BT.601),
-    rounded to whole counts. Settings are those of the program that writes: switch automatic
-    exposure, white balance and focus off there. Frames are asked for there as well, so let it take
-    one photograph after the other.
+    rounded to whole counts, unless ``deliver_colours`` asks for it. Settings are those of the
+    program that writes: switch automatic exposure, white balance and focus off there. Frames are
+    asked for there as well, so let it take one photograph after the other.
     """
 
     def __init__(self, folder: str | os.PathLike[str], *, settled_s: float = SETTLED_S) -> None:
@@ -71,6 +71,7 @@ class FolderCamera(Closing):
         self._size_px: tuple[int, int] | None = None
         self._count = 0
         self._open = True
+        self._colours = False
         self._growing: dict[str, _Growing] = {}
         self._written: deque[tuple[str, float]] = deque()
         self._ahead: Grab | None = None
@@ -111,6 +112,10 @@ class FolderCamera(Closing):
         region = None if self._size_px is None else Region(0, 0, *self._size_px)
         return CameraSettings(region=region, triggered=False)
 
+    def deliver_colours(self, wanted: bool) -> None:
+        """Deliver frames in colour or in grey; see ``ColourCamera.deliver_colours``."""
+        self._colours, self._ahead = wanted, None
+
     def grab(self, timeout_s: float = 5.0) -> Grab:
         """Return the frame of the oldest new file, or wait for one; see ``Camera.grab``.
 
@@ -129,7 +134,7 @@ class FolderCamera(Closing):
             while self._written:
                 name, arrived_s = self._written[0]
                 try:
-                    frame = whole_counts(self._folder / name)
+                    frame = whole_counts(self._folder / name, colours=self._colours)
                 except FileProblem as problem:
                     # The writer may have paused in the middle; try again until the time is over.
                     broken = problem
@@ -217,10 +222,10 @@ class FolderCamera(Closing):
         return f"{said} none: let the program that controls the camera save its photographs there"
 
 
-def whole_counts(path: Path) -> NDArray[Any]:
-    """The frame of a file in counts of 8 or 16 bit."""
-    read = read_frames([path], stack=True)
-    frame = read.frames[0]
+def whole_counts(path: Path, *, colours: bool = False) -> NDArray[Any]:
+    """The frame of a file in counts of 8 or 16 bit, in grey or with red, green and blue."""
+    read = read_frames([path], stack=True, channels=CHANNELS if colours else "")
+    frame = np.stack(read.frames, axis=-1) if colours else read.frames[0]
     if frame.dtype in (np.uint8, np.uint16):
         return frame
     if read.saturation not in (255, 65535):

@@ -262,6 +262,16 @@ class FromReader(Closing):
     """Mix-in of cameras whose frames a reader takes, in ``_reader``."""
 
     _reader: FrameReader
+    _colours = False
+
+    @property
+    def _format(self) -> str:
+        """Pixel format of the frames that are delivered."""
+        return "RGB8" if self._colours else "Mono8"
+
+    def deliver_colours(self, wanted: bool) -> None:
+        """Deliver frames in colour or in grey; see ``ColourCamera.deliver_colours``."""
+        self._colours = wanted
 
     def waiting(self) -> int:
         """Number of frames that have arrived and were not returned yet."""

@@ -24,7 +24,7 @@ from fringeworks.devices.genicam_names import (
     settled,
     unplugged,
 )
-from fringeworks.devices.pixel_formats import Channel, full_scale, to_grey, unpacked
+from fringeworks.devices.pixel_formats import Channel, full_scale, to_colours, to_grey, unpacked
 from fringeworks.devices.protocols import CameraLimits, Closing, Grab
 from fringeworks.types import CameraSettings, DeviceProblem, Region
 
@@ -91,6 +91,7 @@ class GenicamCamera(Closing):
         self._name = f"camera {identifier}" if identifier else "camera"
         self._gone = False
         self._channel = channel
+        self._colours = False
         self._clock: Literal["camera", "ptp"] = "camera"
         self._triggered = False
         self._on_line = False
@@ -183,6 +184,10 @@ class GenicamCamera(Closing):
                 self._call("clear_triggers", None)
             self._triggered = settings.triggered
         return self._read_back()
+
+    def deliver_colours(self, wanted: bool) -> None:
+        """Deliver frames in colour or in grey; see ``ColourCamera.deliver_colours``."""
+        self._colours = wanted
 
     def grab(self, timeout_s: float = 5.0) -> Grab:
         """Return the oldest frame that was not returned yet; see ``Camera.grab``."""
@@ -402,4 +407,4 @@ class GenicamCamera(Closing):
             return np.zeros(shape, np.uint8 if full_scale(name) == 255 else np.uint16)
         content = np.ctypeslib.as_array((c.c_uint8 * size.value).from_address(data))
         raw = unpacked(content, shape, name)
-        return to_grey(raw, name, self._channel)
+        return to_colours(raw, name) if self._colours else to_grey(raw, name, self._channel)

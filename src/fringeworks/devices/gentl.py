@@ -26,7 +26,7 @@ from fringeworks.devices.genicam_names import (
 from fringeworks.devices.gentl_nodes import Nodes
 from fringeworks.devices.gentl_stream import GentlStream
 from fringeworks.devices.gentl_system import found_of, gentl, named, said
-from fringeworks.devices.pixel_formats import Channel, full_scale, to_grey, unpacked
+from fringeworks.devices.pixel_formats import Channel, full_scale, to_colours, to_grey, unpacked
 from fringeworks.devices.protocols import CameraLimits, Closing, Grab
 from fringeworks.types import CameraSettings, DeviceProblem, Region
 
@@ -71,6 +71,7 @@ class GentlCamera(Closing):
         self._device: Any = None
         self._stream: GentlStream | None = None
         self._channel = channel
+        self._colours = False
         self._clock: Literal["camera", "ptp"] = "camera"
         self._triggered = self._on_line = False
         info = named(identifier)
@@ -149,6 +150,10 @@ class GentlCamera(Closing):
                 self._clear_triggers()
             self._triggered = settings.triggered
         return self._read_back()
+
+    def deliver_colours(self, wanted: bool) -> None:
+        """Deliver frames in colour or in grey; see ``ColourCamera.deliver_colours``."""
+        self._colours = wanted
 
     def grab(self, timeout_s: float = 5.0) -> Grab:
         """Return the oldest frame that was not returned yet; see ``Camera.grab``."""
@@ -326,4 +331,5 @@ class GentlCamera(Closing):
         with suppress(self._module.GenericException):
             begin = int(buffer.image_offset)
         content = np.frombuffer(buffer.raw_buffer, np.uint8)[begin:]
-        return to_grey(unpacked(content, shape, name), name, self._channel)
+        raw = unpacked(content, shape, name)
+        return to_colours(raw, name) if self._colours else to_grey(raw, name, self._channel)

@@ -18,8 +18,6 @@ from fringeworks.devices.frame_reader import FrameReader, FromReader
 from fringeworks.devices.protocols import CameraLimits, Grab
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, Region
 
-FORMAT = "Mono8"
-"""Pixel format of all frames: JPEG has 8 bits per colour."""
 FIRST_FRAME_S = 10.0
 """Longest wait for the first frame, s: phones start their camera when somebody looks."""
 SILENT_S = 0.8
@@ -243,7 +241,9 @@ class HttpCamera(FromReader):
 
     def limits(self) -> CameraLimits:
         """Frame size and rate."""
-        return CameraLimits(*self._size_px, pixel_formats=(FORMAT,), frame_s=self._reader.period_s)
+        return CameraLimits(
+            *self._size_px, pixel_formats=(self._format,), frame_s=self._reader.period_s
+        )
 
     def configure(self, settings: CameraSettings) -> CameraSettings:
         """Return the frame size as the region; nothing can be set.
@@ -255,7 +255,7 @@ class HttpCamera(FromReader):
         wanted = set(settings.given())
         if settings.triggered is False:
             wanted.discard("triggered")
-        if settings.pixel_format == FORMAT:
+        if settings.pixel_format == self._format:
             wanted.discard("pixel_format")
         if settings.region == Region(0, 0, *self._size_px):
             wanted.discard("region")
@@ -265,7 +265,7 @@ class HttpCamera(FromReader):
                 "camera's own page or in its app"
             )
         self._reader.discard()
-        return CameraSettings(None, None, Region(0, 0, *self._size_px), FORMAT, False)
+        return CameraSettings(None, None, Region(0, 0, *self._size_px), self._format, False)
 
     def grab(self, timeout_s: float = 5.0) -> Grab:
         """Return the oldest frame that was not returned yet; see ``Camera.grab``."""
@@ -274,8 +274,22 @@ class HttpCamera(FromReader):
         whole = read.image is not None and read.image.shape[:2] == shape
         grey = np.zeros(shape, np.uint8)
         if read.image is not None and whole:
-            grey = grey_of(read.image)
+            grey = colours_of(read.image) if self._colours else grey_of(read.image)
         return Grab(grey, read.host_s, None, read.number, whole)
+
+
+def colours_of(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return an image in red, green and blue as a frame in colour.
+
+    Raises
+    ------
+    DeviceProblem for an image in grey.
+    """
+    if image.shape[2:] != (len(LUMINANCE),):
+        raise DeviceProblem(
+            f"frame: expected one in colour, (h, w, 3), got a grey one of shape {image.shape}"
+        )
+    return np.ascontiguousarray(image, np.uint8)
 
 
 def grey_of(image: NDArray[Any]) -> NDArray[np.uint8]:

@@ -63,6 +63,7 @@ class PhotoCamera(Closing):
         self._count = 0
         self._exposure_ms: float | None = None
         self._ahead: Grab | None = None
+        self._colours = False
         self._name = self._model() or self._name
         self._folder = tempfile.TemporaryDirectory(prefix="fringeworks-photo-")
         self._exposure_ms = _milliseconds(self._setting(SHUTTER)[0])
@@ -104,6 +105,10 @@ class PhotoCamera(Closing):
         region = None if self._size_px is None else Region(0, 0, *self._size_px)
         return CameraSettings(self._exposure_ms, None, region, None, False)
 
+    def deliver_colours(self, wanted: bool) -> None:
+        """Deliver frames in colour or in grey; see ``ColourCamera.deliver_colours``."""
+        self._colours, self._ahead = wanted, None
+
     def grab(self, timeout_s: float = 5.0) -> Grab:
         """Take a photograph and return it; see ``Camera.grab``."""
         del timeout_s  # The program has its own, which is longer.
@@ -121,7 +126,7 @@ class PhotoCamera(Closing):
                 f"{self.name}: expected a photograph, got none: its card or its buffer may be full"
             )
         try:
-            frame = whole_counts(taken[0])
+            frame = whole_counts(taken[0], colours=self._colours)
         finally:
             for path in taken:
                 path.unlink()

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.types import InputError
+from fringeworks.types import DeviceProblem, InputError
 from fringeworks.types.packages import need_opencv
 
 Channel = Literal["luminance", "red", "green", "blue"]
@@ -20,13 +20,14 @@ PACKED = {("10", "p"), ("12", "p"), ("10", "Packed"), ("12", "Packed")}
 
 
 def full_scale(name: str) -> int:
-    """Return the largest count of a pixel format, such as 4095 for Mono12p.
+    """Return the largest count of a pixel format, such as 4095 for Mono12p, or 255 for RGB8.
 
     Raises
     ------
     InputError for a format that is not read.
     """
-    return int(2 ** int(_parsed(name)[1]) - 1)
+    samples = "Mono" + name.removeprefix("RGB") if name.startswith("RGB") else name
+    return int(2 ** int(_parsed(samples)[1]) - 1)
 
 
 def unpacked(content: NDArray[np.uint8], shape: tuple[int, int], name: str) -> NDArray[Any]:
@@ -99,15 +100,35 @@ def to_grey(raw: NDArray[Any], name: str, channel: Channel = "luminance") -> NDA
         raise InputError(f"channel: expected one of {get_args(Channel)}, got {channel!r}")
     if kind == "Mono":
         return raw
+    if channel == "luminance":
+        return _interpolated(raw, kind, "GRAY")
+    colours = _interpolated(raw, kind, "RGB")
+    return np.ascontiguousarray(colours[..., ("red", "green", "blue").index(channel)])
+
+
+def to_colours(raw: NDArray[Any], name: str) -> NDArray[Any]:
+    """Return a frame (h, w, 3) with red, green and blue from the samples of a colour camera.
+
+    Raises
+    ------
+    DeviceProblem for a Mono format.
+    """
+    kind, _, _ = _parsed(name)
+    if kind == "Mono":
+        raise DeviceProblem(
+            f"camera: expected a pixel format with colours, such as BayerRG8, got {name}"
+        )
+    return _interpolated(raw, kind, "RGB")
+
+
+def _interpolated(raw: NDArray[Any], kind: str, wanted: str) -> NDArray[Any]:
+    """The colours or the luminance of the samples behind a mosaic of filters."""
     need_opencv("the frame of a colour camera")
     import cv2
 
     # OpenCV names a pattern by the second and third pixel of the second row.
     code = {"RG": "BG", "GR": "GB", "GB": "GR", "BG": "RG"}[kind[-2:]]
-    if channel == "luminance":
-        return np.asarray(cv2.cvtColor(raw, getattr(cv2, f"COLOR_Bayer{code}2GRAY")))
-    colours = cv2.cvtColor(raw, getattr(cv2, f"COLOR_Bayer{code}2BGR"))
-    return np.ascontiguousarray(colours[..., ("blue", "green", "red").index(channel)])
+    return np.asarray(cv2.cvtColor(raw, getattr(cv2, f"COLOR_Bayer{code}2{wanted}")))
 
 
 def _parsed(name: str) -> tuple[str, str, str]:

@@ -8,6 +8,7 @@ from typing import Any, Literal, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.patterns.plan import COLOURS
 from fringeworks.types import CameraSettings, Frozen, InputError
 
 
@@ -34,7 +35,8 @@ class Grab(Frozen):
     """One frame as it came from a camera."""
 
     pixels: NDArray[Any]
-    """(h, w), counts: uint8 or uint16."""
+    """(h, w), counts: uint8 or uint16; (h, w, 3) with red, green and blue of a camera that was told
+    to ``deliver_colours``."""
     host_s: float
     """Time at which the frame arrived, on the clock of ``time.monotonic``, s."""
     device_s: float | None = None
@@ -50,10 +52,11 @@ class Grab(Frozen):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.pixels.ndim != 2 or self.pixels.dtype not in (np.uint8, np.uint16):
+        shaped = self.pixels.ndim == 2 or self.pixels.shape[2:] == (COLOURS,)
+        if not shaped or self.pixels.dtype not in (np.uint8, np.uint16):
             raise InputError(
-                "camera: expected frames of shape (h, w) and type uint8 or uint16, got "
-                f"{self.pixels.shape} and {self.pixels.dtype}"
+                "camera: expected frames of shape (h, w) or (h, w, 3) and type uint8 or uint16, "
+                f"got {self.pixels.shape} and {self.pixels.dtype}"
             )
 
 
@@ -137,6 +140,15 @@ class Projector(Protocol):
 
 
 @runtime_checkable
+class ColourProjector(Projector, Protocol):
+    """A projector whose ``show`` also takes pictures in red, green and blue, (rows, columns, 3)."""
+
+    @property
+    def shows_colours(self) -> bool:
+        """Whether it does; True for a class that always does."""
+
+
+@runtime_checkable
 class Camera(Protocol):
     """A device that grabs frames."""
 
@@ -202,6 +214,19 @@ class TriggeredCamera(Camera, Protocol):
 
 
 @runtime_checkable
+class ColourCamera(Camera, Protocol):
+    """A camera that can deliver frames in colour."""
+
+    def deliver_colours(self, wanted: bool) -> None:
+        """Deliver frames (h, w, 3) with red, green and blue from now on, or grey ones again.
+
+        Raises
+        ------
+        DeviceProblem for a camera whose sensor sees no colours.
+        """
+
+
+@runtime_checkable
 class LineCamera(Camera, Protocol):
     """A camera that exposes a frame for every pulse on an input line."""
 
@@ -251,7 +276,9 @@ class Closing:
         self.close()
 
 
-def checked_picture(picture: NDArray[Any], size_px: tuple[int, int], bits: int) -> NDArray[Any]:
+def checked_picture(
+    picture: NDArray[Any], size_px: tuple[int, int], bits: int, *, colours: bool = False
+) -> NDArray[Any]:
     """Return a picture as a contiguous array, if a projector of this size and depth can show it.
 
     Parameters
@@ -259,6 +286,8 @@ def checked_picture(picture: NDArray[Any], size_px: tuple[int, int], bits: int) 
     picture : (rows, columns) array of counts, uint8 or uint16
     size_px : (columns, rows)
     bits : int
+    colours : bool
+        Whether (rows, columns, 3) can be shown as well.
 
     Raises
     ------
@@ -266,7 +295,9 @@ def checked_picture(picture: NDArray[Any], size_px: tuple[int, int], bits: int) 
     """
     shape, kind = size_px[::-1], np.dtype(np.uint8 if bits <= 8 else np.uint16)
     picture = np.asarray(picture)
-    if picture.shape != shape or picture.dtype != kind:
+    if picture.ndim == COLOURS and not colours:
+        raise InputError("picture: expected one in grey, (rows, columns), got one in colours")
+    if picture.shape not in (shape, (*shape, COLOURS)) or picture.dtype != kind:
         raise InputError(
             f"picture: expected {size_px[0]} × {size_px[1]} px of {kind}, got "
             f"{' × '.join(str(n) for n in picture.shape[::-1])} px of {picture.dtype}"

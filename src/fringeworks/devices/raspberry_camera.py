@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.devices.frame_reader import FrameReader, FromReader
-from fringeworks.devices.http_camera import grey_of
+from fringeworks.devices.http_camera import colours_of, grey_of
 from fringeworks.devices.protocols import CameraLimits, Grab
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, MissingPackage, Region
 
-FORMAT = "Mono8"
-"""Pixel format of all frames: the luminance of 8 bits per colour."""
 FIRST_FRAME_S = 10.0
 """Longest wait for the first frame, s."""
 SILENT_S = 0.8
@@ -162,7 +160,7 @@ class RaspberryCamera(FromReader):
             *self._size_px,
             exposure_ms=(1e-3 * exposure[0], 1e-3 * exposure[1]),
             gain_db=(_decibel(gain[0]), _decibel(gain[1])),
-            pixel_formats=(FORMAT,),
+            pixel_formats=(self._format,),
             frame_s=self._reader.period_s,
         )
 
@@ -188,7 +186,7 @@ class RaspberryCamera(FromReader):
             1e-3 * float(used["ExposureTime"]),
             _decibel(float(used["AnalogueGain"])),
             Region(0, 0, *self._size_px),
-            FORMAT,
+            self._format,
             False,
         )
 
@@ -213,12 +211,12 @@ class RaspberryCamera(FromReader):
         whole = Region(0, 0, *self._size_px)
         others = (
             settings.triggered,
-            settings.pixel_format not in (None, FORMAT),
+            settings.pixel_format not in (None, self._format),
             settings.region not in (None, whole),
         )
         if any(others):
             raise InputError(
-                f"{self.name}: expected no trigger, the pixel format {FORMAT} and the whole "
+                f"{self.name}: expected no trigger, the pixel format {self._format} and the whole "
                 f"sensor, got {settings}"
             )
 
@@ -226,7 +224,9 @@ class RaspberryCamera(FromReader):
         """Return the oldest frame that was not returned yet; see ``Camera.grab``."""
         read = self._reader.take(timeout_s)
         assert read.image is not None
-        return Grab(grey_of(read.image[..., ::-1]), read.host_s, None, read.number)
+        image = read.image[..., ::-1]
+        pixels = colours_of(image) if self._colours else grey_of(image)
+        return Grab(pixels, read.host_s, None, read.number)
 
 
 def _decibel(gain: float) -> float:

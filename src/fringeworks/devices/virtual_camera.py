@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -16,6 +16,8 @@ from fringeworks.devices.protocols import (
     Grab,
 )
 from fringeworks.devices.virtual_projector import Shown, VirtualProjector
+from fringeworks.patterns.plan import COLOURS
+from fringeworks.simulate.bayer import LUMINANCE_SHARES
 from fringeworks.simulate.jpeg import jpeg_compressed
 from fringeworks.types import (
     CameraSettings,
@@ -39,6 +41,11 @@ GAINS_DB = (0.0, 24.0)
 """Lowest and highest gain of the virtual camera, dB."""
 
 
+FILTERS = ((0.90, 0.08, 0.02), (0.07, 0.85, 0.08), (0.02, 0.12, 0.86))
+"""Shares of the projector's red, green and blue in the channels red, green and blue of the virtual
+camera. Other colours have 2 to 12 %, as in the spectral simulation of docs/few-frames.md."""
+
+
 class Scene(Protocol):
     """What a virtual camera looks at."""
 
@@ -49,7 +56,8 @@ class Scene(Protocol):
     def projected(self, light: FloatMap) -> FloatMap:
         """Light at the camera's pixels (h, w) when the projector sends ``light`` (rows, columns).
 
-        In shares of the camera's full scale, at the reference exposure and gain 0 dB.
+        In shares of the camera's full scale, at the reference exposure and gain 0 dB. For light in
+        colours, (rows, columns, 3), and for painted scenes (h, w, 3): the light of each colour.
         """
 
     @property
@@ -104,8 +112,13 @@ class CameraModel:
     """Share of frames that repeat the pixels of the one before; 0…1."""
     torn: float = 0.0
     """Share of frames that arrive incomplete; 0…1."""
+    filters: tuple[tuple[float, float, float], ...] = FILTERS
+    """Shares of the projector's red, green and blue that each channel sees when the camera delivers
+    colours: three rows of three, each with the sum 1, so that white is white."""
 
     def __post_init__(self) -> None:
+        rows = np.asarray(self.filters, np.float64)
+        shares = rows.shape == (3, 3) and (rows >= 0).all() and np.allclose(rows.sum(axis=1), 1.0)
         check_fields(
             self,
             fps=(self.fps > 0, "> 0"),
@@ -120,6 +133,7 @@ class CameraModel:
             smoothing_px=(self.smoothing_px >= 0, ">= 0"),
             jpeg=(0 <= self.jpeg <= (100 if self.bits == 8 else 0), "0 to 100, 0 beyond 8 bit"),
             flicker=(0 <= self.flicker <= 1, "0 to 1"),
+            filters=(bool(shares), "three rows of three shares with the sum 1"),
             flicker_hz=(self.flicker_hz > 0, "> 0"),
             **{k: (0 <= getattr(self, k) < 1, "0 to 1") for k in ("lag", "loss", "frozen", "torn")},
         )
@@ -168,6 +182,7 @@ class VirtualCamera(Closing):
         self._last: NDArray[Any] | None = None
         self._held: FloatMap | None = None
         self._seen: dict[int, FloatMap] = {}
+        self._colours = False
         self._open = True
         rows, columns = scene.shape
         self._settings = CameraSettings(
@@ -182,7 +197,7 @@ class VirtualCamera(Closing):
 
     @property
     def _format(self) -> str:
-        return f"Mono{self.model.bits}"
+        return f"{'RGB' if self._colours else 'Mono'}{self.model.bits}"
 
     def limits(self) -> CameraLimits:
         """What the camera can be set to."""
@@ -214,6 +229,13 @@ class VirtualCamera(Closing):
         self._settings = settings.over(self._settings)
         self._restart()
         return self._settings
+
+    def deliver_colours(self, wanted: bool) -> None:
+        """Deliver frames in colour or in grey; see ``ColourCamera.deliver_colours``."""
+        self._colours = wanted
+        self._last = self._held = None
+        self._settings = replace(self._settings, pixel_format=self._format)
+        self._restart()
 
     def grab(self, timeout_s: float = 5.0) -> Grab:
         """Return the oldest frame that was not returned yet; see ``Camera.grab``."""
@@ -316,10 +338,12 @@ class VirtualCamera(Closing):
         from_s = start_s + self.model.readout_s * np.arange(lines) / lines
         until_s = from_s + self._exposure_s
         reference_s = 1e-3 * self.model.reference_ms
-        light = self._ambient_s(from_s, until_s)[:, None] * self.scene.ambient
+        lines_shape = (lines, 1, 1) if self._colours else (lines, 1)
+        ambient = self._delivered(self.scene.ambient)
+        light = self._ambient_s(from_s, until_s).reshape(lines_shape) * ambient
         seen = self._projector.seen(from_s, until_s)
         for shown, time_s in seen:
-            light = light + time_s[:, None] * self._projected(shown)
+            light = light + time_s.reshape(lines_shape) * self._delivered(self._projected(shown))
         self.pictures = tuple(shown.number for shown, _ in seen)
         full = 2**self.model.bits - 1
         gain = 10.0 ** ((self._settings.gain_db or 0.0) / 20.0)
@@ -337,7 +361,8 @@ class VirtualCamera(Closing):
         noise = self._rng.standard_normal(counts.shape, np.float32)
         counts = counts + np.sqrt(variance) * noise
         if self.model.smoothing_px:
-            counts = scipy.ndimage.gaussian_filter(counts, self.model.smoothing_px, mode="nearest")
+            width = self.model.smoothing_px
+            counts = scipy.ndimage.gaussian_filter(counts, width, mode="nearest", axes=(0, 1))
         if self.model.lag:
             before = counts if self._held is None else self._held
             self._held = counts = self.model.lag * before + (1.0 - self.model.lag) * counts
@@ -348,7 +373,9 @@ class VirtualCamera(Closing):
             region.x_px : region.x_px + region.width_px,
         ]
         if self.model.jpeg:
-            return jpeg_compressed(part.astype(np.uint8), self.model.jpeg)
+            planes = np.atleast_3d(part).astype(np.uint8)
+            stored = [jpeg_compressed(p, self.model.jpeg) for p in np.moveaxis(planes, 2, 0)]
+            return np.stack(stored, axis=-1).reshape(part.shape)
         return part.astype(np.uint8 if self.model.bits == 8 else np.uint16)
 
     def _ambient_s(self, from_s: FloatMap, until_s: FloatMap) -> FloatMap:
@@ -356,6 +383,14 @@ class VirtualCamera(Closing):
         turns = 2.0 * np.pi * self.model.flicker_hz
         flicker = self.model.flicker * (np.sin(turns * until_s) - np.sin(turns * from_s)) / turns
         return np.asarray(until_s - from_s + flicker)
+
+    def _delivered(self, light: FloatMap) -> FloatMap:
+        """Light in the channels of the frames that are delivered, from grey light or from that of
+        each colour of the projector."""
+        if light.ndim == len(self.scene.shape):
+            return light[..., None] * np.ones(COLOURS) if self._colours else light
+        channels = light @ np.asarray(self.model.filters).T
+        return channels if self._colours else np.asarray(channels @ np.array(LUMINANCE_SHARES))
 
     def _projected(self, shown: Shown) -> FloatMap:
         """Light of a shown picture at the pixels, computed once."""

@@ -89,7 +89,7 @@ class Shown:
     number: int
     """Number of the picture since the projector was opened; 0 is the black before the first."""
     light: FloatMap
-    """Light of all projector pixels, (rows, columns), 0…1."""
+    """Light of all projector pixels, (rows, columns) or (rows, columns, 3), 0…1."""
     from_s: float
     """Time at which its light appears, s."""
 
@@ -137,11 +137,16 @@ class VirtualProjector(Closing):
         """Time from one picture to the next, s."""
         return 1.0 / self.model.refresh_hz
 
+    @property
+    def shows_colours(self) -> bool:
+        """True."""
+        return True
+
     def show(self, picture: NDArray[Any]) -> float:
         """Show a picture; see ``Projector.show``. Returns at the next refresh, as a window does."""
         if not self._open:
             raise DeviceProblem("virtual projector: expected an open projector, got a closed one")
-        picture = checked_picture(picture, self.size_px, self.bits)
+        picture = checked_picture(picture, self.size_px, self.bits, colours=True)
         refreshes = np.floor((self.clock.now_s() - self._start_s) / self.refresh_s) + 1
         handed_s = float(self._start_s + refreshes * self.refresh_s)
         late = self._rng.integers(0, self.model.jitter_refreshes + 1) * self.refresh_s
@@ -156,16 +161,16 @@ class VirtualProjector(Closing):
         self._open = False
 
     def light_of(self, picture: NDArray[Any]) -> FloatMap:
-        """Light that a picture makes, relative to white, (rows, columns)."""
+        """Light that a picture makes, relative to white, in the shape of the picture."""
         m = self.model
         sent = picture / float(2**m.bits - 1)
         if m.range_limited:
             sent = np.clip((sent - LIMITED_BLACK) / (LIMITED_WHITE - LIMITED_BLACK), 0.0, 1.0)
         if m.scale != 1.0:
+            # A colour keeps its place along the last axis.
+            factor = np.array([1 / m.scale, 1 / m.scale, 1.0][: sent.ndim])
             middle = (np.array(sent.shape) - 1) / 2
-            sent = scipy.ndimage.affine_transform(
-                sent, np.full(2, 1 / m.scale), middle - middle / m.scale, order=1
-            )
+            sent = scipy.ndimage.affine_transform(sent, factor, middle - middle * factor, order=1)
         if m.mirrored:
             sent = sent[:, ::-1]
         return np.asarray(m.black + (1.0 - m.black) * sent**m.gamma)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from fringeworks.patterns.plan import COLOURS
 from fringeworks.simulate.imaging import Imaging
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.virtual_rig import View
@@ -24,11 +27,14 @@ class RigScene:
         keep their defaults, which are not used.
     highlight : (h, w) array, optional
         Light of highlights from ``fringeworks.simulate.virtual_rig``, relative to a white surface.
+    paint : (h, w, 3) array, optional
+        Reflectance for the projector's red, green and blue, relative to the view's albedo; 1 by
+        default.
 
     Raises
     ------
     InputError for other values of fields that belong to the models of the devices, and for
-    highlights of another shape.
+    highlights or paint of another shape.
 
     Examples
     --------
@@ -40,7 +46,12 @@ class RigScene:
     """
 
     def __init__(
-        self, view: View, optics: Optics | None = None, *, highlight: FloatMap | None = None
+        self,
+        view: View,
+        optics: Optics | None = None,
+        *,
+        highlight: FloatMap | None = None,
+        paint: FloatMap | None = None,
     ) -> None:
         optics = optics or Optics()
         usual = Optics()
@@ -54,6 +65,11 @@ class RigScene:
             raise InputError(
                 f"highlight: expected shape {view.albedo.shape}, got {highlight.shape}"
             )
+        if paint is not None and paint.shape != (*view.albedo.shape, COLOURS):
+            raise InputError(
+                f"paint: expected shape {(*view.albedo.shape, COLOURS)}, got {paint.shape}"
+            )
+        self._paint = paint
         projector = view.rig.projector
         self._picture_shape = projector.height_px, projector.width_px
         self._shading = view.shading
@@ -70,22 +86,39 @@ class RigScene:
 
         Parameters
         ----------
-        light : (rows, columns) array
-            Light of the projector's pixels, 0…1.
+        light : (rows, columns) or (rows, columns, 3) array
+            Light of the projector's pixels, 0…1; of each colour.
 
         Returns
         -------
-        (h, w) array, shares of the camera's full scale; above 1 where a highlight saturates it.
+        (h, w) array, shares of the camera's full scale; above 1 where a highlight saturates it. For
+        light in colours, and for a painted scene, (h, w, 3): the light of each colour.
 
         Raises
         ------
         InputError for a projector of another size than the view's.
         """
-        if light.shape != self._picture_shape:
+        if light.shape not in (self._picture_shape, (*self._picture_shape, COLOURS)):
             raise InputError(
                 f"light: expected the size of the view's projector, {self._picture_shape}, "
                 f"got {light.shape}"
             )
-        direct = self._imaging.projected(light)
+        if light.ndim == len(self._picture_shape):
+            direct = self._imaging.projected(light)
+            if self._paint is None:
+                return self._reflected(direct)
+            return np.stack([self._reflected(direct, p) for p in self._paints()], axis=-1)
+        sent = (np.ascontiguousarray(light[..., d]) for d in range(COLOURS))
+        parts = zip(sent, self._paints(), strict=True)
+        return np.stack([self._reflected(self._imaging.projected(s), p) for s, p in parts], axis=-1)
+
+    def _paints(self) -> list[FloatMap | float]:
+        """Reflectance for each colour."""
+        if self._paint is None:
+            return [1.0] * COLOURS
+        return [self._paint[..., d] for d in range(COLOURS)]
+
+    def _reflected(self, direct: FloatMap, paint: FloatMap | float = 1.0) -> FloatMap:
+        """Light on the sensor of light that comes straight from the projector."""
         mirrored = 0.0 if self._mirrored is None else self._mirrored * direct
-        return self._imaging.seen(self._shading * direct, mirrored)
+        return self._imaging.seen(self._shading * direct * paint, mirrored)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.devices.frame_reader import FrameReader, FromReader
+from fringeworks.devices.http_camera import colours_of
 from fringeworks.devices.pixel_formats import Channel
 from fringeworks.devices.protocols import CameraLimits, Grab
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, Region
@@ -23,8 +24,6 @@ FIRST_FRAME_S = 10.0
 """Longest wait for the first frame, s. Some webcams need three seconds to start."""
 NOT_TOLD = (0.0, -1.0)
 """Values of an exposure with which OpenCV says that the driver does not tell."""
-FORMAT = "Mono8"
-"""Pixel format of all frames, because OpenCV delivers 8 bits per colour."""
 LISTED_WEBCAMS = 8
 """Largest number of webcams that are looked for where the system does not list them."""
 
@@ -124,7 +123,9 @@ class WebcamCamera(FromReader):
 
     def limits(self) -> CameraLimits:
         """Frame size and rate; OpenCV tells no limits of exposure and gain."""
-        return CameraLimits(*self._size_px, pixel_formats=(FORMAT,), frame_s=self._reader.period_s)
+        return CameraLimits(
+            *self._size_px, pixel_formats=(self._format,), frame_s=self._reader.period_s
+        )
 
     def configure(self, settings: CameraSettings) -> CameraSettings:
         """Change settings; see ``Camera.configure``.
@@ -143,7 +144,7 @@ class WebcamCamera(FromReader):
             self._region = settings.region
         self._reader.discard()
         region = self._region or Region(0, 0, *self._size_px)
-        return CameraSettings(exposure_ms, None, region, FORMAT, False)
+        return CameraSettings(exposure_ms, None, region, self._format, False)
 
     def grab(self, timeout_s: float = 5.0) -> Grab:
         """Return the oldest frame that was not returned yet; see ``Camera.grab``."""
@@ -152,7 +153,11 @@ class WebcamCamera(FromReader):
             columns, rows = self._size_px
             grey = np.zeros((rows, columns), np.uint8)
         else:
-            grey = grey_of(read.image, self._channel)
+            grey = (
+                colours_of(read.image[..., ::-1])
+                if self._colours
+                else grey_of(read.image, self._channel)
+            )
         if self._region is not None:
             r = self._region
             grey = grey[r.y_px : r.y_px + r.height_px, r.x_px : r.x_px + r.width_px]
@@ -170,9 +175,10 @@ class WebcamCamera(FromReader):
                 f"{self.name}: gain_db: expected 0 (the lowest gain), because webcams do not tell "
                 f"their gain in dB, got {settings.gain_db:g}"
             )
-        if settings.pixel_format not in (None, FORMAT):
+        if settings.pixel_format not in (None, self._format):
             raise InputError(
-                f"{self.name}: expected the pixel format {FORMAT}, got {settings.pixel_format}"
+                f"{self.name}: expected the pixel format {self._format}, got "
+                f"{settings.pixel_format}"
             )
         if settings.triggered:
             raise InputError(f"{self.name}: expected triggered=False: webcams have no trigger")

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.devices.protocols import Closing, VideoMode, checked_picture
+from fringeworks.patterns.plan import COLOURS
 from fringeworks.types import DeviceProblem, MissingPackage
 
 VERTICES = """#version 330
@@ -26,8 +27,8 @@ out vec4 colour;
 void main() {
     ivec2 place = ivec2(gl_FragCoord.xy);
     int rows = textureSize(picture, 0).y;
-    float value = float(texelFetch(picture, ivec2(place.x, rows - 1 - place.y), 0).r) / 255.0;
-    colour = vec4(vec3(value), 1.0);
+    vec3 value = vec3(texelFetch(picture, ivec2(place.x, rows - 1 - place.y), 0).rgb) / 255.0;
+    colour = vec4(value, 1.0);
 }"""
 """Reads the texel of every pixel as a whole number: nothing is interpolated or corrected."""
 LINEAR_RAMP = 0.004
@@ -149,7 +150,12 @@ class WindowProjector(Closing):
         self._context = moderngl.create_context()
         program = self._context.program(vertex_shader=VERTICES, fragment_shader=PIXELS)
         self._screen = self._context.vertex_array(program, [])
-        self._texture = self._context.texture(size, 1, dtype="u1", alignment=1)
+        self._textures = {
+            channels: self._context.texture(size, channels, dtype="u1", alignment=1)
+            for channels in (1, COLOURS)
+        }
+        # Grey lies in the texture's red alone, and is shown in all three colours.
+        self._textures[1].swizzle = "RRR1"
         self.show(np.zeros(size[::-1], np.uint8))
 
     @property
@@ -178,18 +184,24 @@ class WindowProjector(Closing):
         """Time from one picture to the next, s; None where the system does not tell."""
         return None if self.monitor.refresh_hz is None else 1.0 / self.monitor.refresh_hz
 
+    @property
+    def shows_colours(self) -> bool:
+        """True."""
+        return True
+
     def show(self, picture: NDArray[Any]) -> float:
         """Show a picture; see ``Projector.show``. Waits for the screen's refresh."""
         if self._window is None:
             raise DeviceProblem("window: expected an open window, got a closed one")
-        picture = checked_picture(picture, self.size_px, self.bits)
+        picture = checked_picture(picture, self.size_px, self.bits, colours=True)
         glfw = self._glfw
         glfw.poll_events()
         if glfw.window_should_close(self._window):
             raise DeviceProblem(f"screen {self.name}: the window was closed")
         glfw.make_context_current(self._window)
-        self._texture.write(picture)
-        self._texture.use(0)
+        texture = self._textures[1 if picture.ndim == 2 else COLOURS]
+        texture.write(picture)
+        texture.use(0)
         self._screen.render(mode=self._context.TRIANGLES, vertices=3)
         glfw.swap_buffers(self._window)
         # Without this, the driver may queue pictures and return before they are on the screen.

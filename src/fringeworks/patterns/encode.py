@@ -111,8 +111,8 @@ def refuse_colours(plan: PatternPlan) -> None:
     """Refuse a plan with colours where frames are shown or taken in grey."""
     if plan.colours:
         raise InputError(
-            "plan: expected grey pictures here, got colours; write_patterns draws them for other "
-            "programs, and their photographs are read with the plan"
+            "plan: expected grey pictures here, got colours, which only single captures take, and "
+            "write_patterns draws for other programs"
         )
 
 

@@ -178,7 +178,7 @@ def take(
     how : Take, optional
         By default one frame of each picture, by agreement, with the settings of the bench.
     progress : callable
-        Called with the label of every frame that was taken: ``plan.frames * how.hdr`` times.
+        Called with the label of every frame that was taken: ``plan.pictures * how.hdr`` times.
 
     Returns
     -------

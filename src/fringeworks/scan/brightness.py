@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.scan.agreement import Agreement
@@ -34,9 +36,9 @@ class Brightness(Frozen):
     settings: CameraSettings
     """Settings of the camera."""
     black: FloatMap
-    """Frame under black, (h, w), shares of full scale."""
+    """Frame under black, (h, w), shares of full scale; of colours the brightest channel."""
     white: FloatMap
-    """Frame under white, (h, w), shares of full scale."""
+    """Frame under white, (h, w), shares of full scale; of colours the brightest channel."""
     lit: BoolMap
     """True where white is brighter than black by more than noise, (h, w)."""
     full: float
@@ -76,11 +78,16 @@ def measure_brightness(
     """
     agreement = Agreement(projector, camera)
     grabs = agreement.start()
-    black, white = (grab.pixels.astype(np.float64) for grab in grabs)
+    black, white = (brightest_channel(grab.pixels).astype(np.float64) for grab in grabs)
     noise = agreement.noise.usual.variance(black) + agreement.noise.usual.variance(white)
     full = largest_count(settings, grabs[0].pixels.dtype)
     lit = white - black > LIT_SIGMAS * np.sqrt(noise)
     return Brightness(settings, black / full, white / full, lit, full)
+
+
+def brightest_channel(frame: NDArray[Any]) -> NDArray[Any]:
+    """Return a grey frame as it is, and of one in colours the brightest channel of each pixel."""
+    return frame if frame.ndim == 2 else np.asarray(frame.max(axis=-1))
 
 
 def light_per_ms(seen: Sequence[Brightness]) -> tuple[FloatMap, BoolMap]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -15,8 +16,9 @@ from fringeworks.files.capture_writer import (
 )
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.exposure import auto_exposure
-from fringeworks.scan.frames import Progress, check_plan, take_frames
+from fringeworks.scan.frames import Progress, check_plan, seeing_colours, take_frames
 from fringeworks.scan.saturation import MOST_SATURATED
+from fringeworks.stack.colour_steps import unmix
 from fringeworks.stack.frames import Stack, step_of
 from fringeworks.types import CameraSettings, Delay
 
@@ -47,6 +49,8 @@ def capture(
     projector : Projector
     camera : Camera
     plan : PatternPlan
+        With ``colours``, projector and camera must be a ``ColourProjector`` and a ``ColourCamera``;
+        the photographs (h, w, 3) are written as they come.
     folder : path
         New, empty, or of a capture that was not finished.
     settings : CameraSettings, optional
@@ -75,9 +79,9 @@ def capture(
 
     Raises
     ------
-    InputError for a plan that the projector cannot show, or other settings than those of the
-    interrupted capture; DeviceProblem where frames do not come or too many pixels are saturated;
-    FileProblem where the folder cannot be written to.
+    InputError for a plan that the projector cannot show or whose colours the camera cannot see, or
+    other settings than those of the interrupted capture; DeviceProblem where frames do not come or
+    too many pixels are saturated; FileProblem where the folder cannot be written to.
 
     Examples
     --------
@@ -93,16 +97,17 @@ def capture(
     >>> bool((points.reason == 0).sum() > 3000)
     True
     """
-    check_plan(projector, plan)
+    check_plan(projector, plan, colours=True)
     if not (resume or force):
         refuse_replacing(folder)
     settings = settings or CameraSettings()
     if resume:
         taken = settings_to_resume(folder)
         settings = taken if exposure == "auto" else settings.over(taken)
-    used = camera.configure(settings)
-    if exposure == "auto" and not resume:
-        used = camera.configure(auto_exposure(projector, camera))
+    with seeing_colours(camera, plan):
+        used = _configured(
+            projector, camera, plan, settings, auto=exposure == "auto" and not resume
+        )
     with writing_capture(
         folder,
         plan,
@@ -152,10 +157,11 @@ def capture_in_memory(
     ------
     As ``capture``, but for those of folders.
     """
-    check_plan(projector, plan)
-    used = camera.configure(settings or CameraSettings())
-    if exposure == "auto":
-        used = camera.configure(auto_exposure(projector, camera))
+    check_plan(projector, plan, colours=True)
+    with seeing_colours(camera, plan):
+        used = _configured(
+            projector, camera, plan, settings or CameraSettings(), auto=exposure == "auto"
+        )
     taken = take_frames(
         projector,
         camera,
@@ -167,7 +173,14 @@ def capture_in_memory(
     )
     frames = [frame for _, frame in taken]
     shown = used.region
-    fits = shown is not None and frames[0].shape == (shown.height_px, shown.width_px)
+    fits = shown is not None and frames[0].shape[:2] == (shown.height_px, shown.width_px)
+    if plan.colours:
+        return replace(
+            unmix(frames, plan, saturation=saturation_of(used, average)),
+            camera=camera.name,
+            projector=projector.name,
+            region=shown if fits else None,
+        )
     return Stack(
         frames,
         plan,
@@ -177,6 +190,22 @@ def capture_in_memory(
         count_step=step_of(frames[0].dtype),
         region=shown if fits else None,
     )
+
+
+def _configured(
+    projector: Projector,
+    camera: Camera,
+    plan: PatternPlan,
+    settings: CameraSettings,
+    *,
+    auto: bool,
+) -> CameraSettings:
+    """Set a camera that delivers what a plan needs; its settings as read back."""
+    if plan.colours and (settings.pixel_format or "").startswith("Mono"):
+        # A set-up was made with grey frames; its grey format holds no colours.
+        settings = replace(settings, pixel_format=None)
+    used = camera.configure(settings)
+    return camera.configure(auto_exposure(projector, camera)) if auto else used
 
 
 def saturation_of(settings: CameraSettings, average: int) -> float | None:

@@ -31,9 +31,13 @@ ROUNDING_VARIANCE = 1.0 / 12.0
 
 
 def compared(frame: NDArray[Any]) -> NDArray[np.float32]:
-    """Return the pixels of a frame that comparisons use, on a grid."""
+    """Return the pixels of a frame that comparisons use, on a grid, (h, w).
+
+    The channels of a frame in colours lie side by side in the rows.
+    """
     stride = max(1, int(np.ceil(np.sqrt(frame.size / COMPARED_PIXELS))))
-    return np.asarray(frame[::stride, ::stride], np.float32)
+    grid = frame[::stride, ::stride]
+    return np.asarray(grid.reshape(len(grid), -1), np.float32)
 
 
 def block_differences(

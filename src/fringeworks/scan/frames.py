@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.devices.memory_projector import MemoryProjector
-from fringeworks.devices.protocols import Camera, Projector
+from fringeworks.devices.protocols import Camera, ColourCamera, ColourProjector, Projector
 from fringeworks.devices.sequencer import SequenceProjector
-from fringeworks.patterns.encode import grey_pictures, refuse_colours
+from fringeworks.patterns.encode import encode, refuse_colours
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.patterns.propose import Proposal
 from fringeworks.scan.agreement import Agreement
@@ -67,24 +68,40 @@ def take_frames(
     Yields
     ------
     Number of the picture in the plan, and its frame (h, w): counts as the camera gives them, or
-    the mean, float32, for ``average`` > 1.
+    the mean, float32, for ``average`` > 1. Frames of a plan with ``colours`` are (h, w, 3).
 
     Raises
     ------
-    InputError for a plan that the projector cannot show; DeviceProblem where frames do not come,
-    too many pixels are saturated, or an exposure of no whole refresh periods sees another part of
-    the projector's light in every frame.
+    InputError for a plan that the projector cannot show, or whose colours the camera cannot see;
+    DeviceProblem where frames do not come, too many pixels are saturated, or an exposure of no
+    whole refresh periods sees another part of the projector's light in every frame.
     """
-    check_plan(projector, plan)
+    check_plan(projector, plan, colours=True)
     if not 1 <= average <= MOST_AVERAGED:
         raise InputError(f"average: expected 1 to {MOST_AVERAGED} frames, got {average}")
+    with seeing_colours(camera, plan):
+        yield from _taken(projector, camera, plan, delay, average, only, most_saturated, progress)
+
+
+def _taken(
+    projector: Projector,
+    camera: Camera,
+    plan: PatternPlan,
+    delay: Delay | None,
+    average: int,
+    only: Iterable[int] | None,
+    most_saturated: float,
+    progress: Progress,
+) -> Iterator[tuple[int, NDArray[Any]]]:
+    """The frames of a camera that delivers what the plan needs; see ``take_frames``."""
     taker = taker_of(projector, camera, delay)
+    labels = plan.picture_labels()
     if not isinstance(projector, MemoryProjector | SequenceProjector):
         check_steady(projector, camera)
     guard = SaturationGuard(camera, most_saturated)
     for number, grabs in taker.frames(pictures_of(projector, plan, only), average, guard):
         note = taker.notes.get(number, "") if isinstance(taker, PulseTaker) else ""
-        progress(plan.labels()[number] + note)
+        progress(labels[number] + note)
         yield number, _mean([grab.pixels for grab in grabs])
 
 
@@ -114,15 +131,38 @@ def pictures_of(
     projector: Projector, plan: PatternPlan, only: Iterable[int] | None = None
 ) -> Iterator[Picture]:
     """Draw the pictures of a plan in the projector's size, those of some numbers or all."""
-    wanted = set(range(plan.frames) if only is None else only)
-    labels = plan.labels()
-    for n, counts in enumerate(grey_pictures(plan)):
+    wanted = set(range(plan.pictures) if only is None else only)
+    labels = plan.picture_labels()
+    for n, counts in enumerate(encode(plan)):
         if n in wanted:
             yield Picture(n, labels[n], on_screen(counts, projector))
 
 
-def check_plan(projector: Projector, plan: PatternPlan) -> None:
-    """Refuse a plan that a projector cannot show.
+@contextmanager
+def seeing_colours(camera: Camera, plan: PatternPlan) -> Iterator[None]:
+    """Let a camera deliver colours for a plan with colours, and grey frames again afterwards.
+
+    Raises
+    ------
+    InputError for a plan with colours and a camera that delivers none.
+    """
+    if not plan.colours:
+        yield
+        return
+    if not isinstance(camera, ColourCamera):
+        raise InputError(
+            f"plan: expected grey pictures, because the camera {camera.name} delivers grey frames, "
+            "got colours"
+        )
+    camera.deliver_colours(True)
+    try:
+        yield
+    finally:
+        camera.deliver_colours(False)
+
+
+def check_plan(projector: Projector, plan: PatternPlan, *, colours: bool = False) -> None:
+    """Refuse a plan that a projector cannot show; one with colours, unless the caller takes them.
 
     Raises
     ------
@@ -132,7 +172,13 @@ def check_plan(projector: Projector, plan: PatternPlan) -> None:
     if not isinstance(plan, PatternPlan):
         of = "; a Proposal has one as its .plan" if isinstance(plan, Proposal | list) else ""
         raise InputError(f"plan: expected a PatternPlan, got {type(plan).__name__}{of}")
-    refuse_colours(plan)
+    if not colours:
+        refuse_colours(plan)
+    if plan.colours and not (isinstance(projector, ColourProjector) and projector.shows_colours):
+        raise InputError(
+            f"plan: expected grey pictures, because the projector {projector.name} shows no "
+            "pictures in colour, got colours"
+        )
     columns, rows = projector.size_px
     if plan.width_px > columns or plan.height_px > rows:
         raise InputError(
@@ -154,9 +200,9 @@ def check_plan(projector: Projector, plan: PatternPlan) -> None:
 def on_screen(picture: NDArray[Any], projector: Projector) -> NDArray[Any]:
     """Return a picture in the size of the projector, black right of and below it."""
     columns, rows = projector.size_px
-    if picture.shape == (rows, columns):
+    if picture.shape[:2] == (rows, columns):
         return picture
-    whole = np.zeros((rows, columns), picture.dtype)
+    whole = np.zeros((rows, columns, *picture.shape[2:]), picture.dtype)
     whole[: picture.shape[0], : picture.shape[1]] = picture
     return whole
 

@@ -59,6 +59,8 @@ def capture_hdr(
     ------
     As ``capture``, and InputError where an interrupted scan had other settings or another plan.
     """
+    if plan.colours:
+        raise InputError("plan: expected grey pictures for several exposures (HDR), got colours")
     check_plan(projector, plan)
     if not (resume or force):
         refuse_replacing(folder)

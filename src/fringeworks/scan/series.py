@@ -59,7 +59,9 @@ class CaptureSeries:
         started = time.monotonic()
         take(bench, folder, how, progress=self._progress)
         if self._first_ms is not None:
-            frame_ms = 1e3 * (time.monotonic() - started) / (bench.plan.frames * self._how.average)
+            frame_ms = (
+                1e3 * (time.monotonic() - started) / (bench.plan.pictures * self._how.average)
+            )
             self.overhead = max(frame_ms / self._first_ms - factor, 0.0)
         return read_stack(folder)
 

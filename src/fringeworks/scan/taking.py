@@ -19,7 +19,7 @@ class Picture(NamedTuple):
     label: str
     """Name in messages and files."""
     counts: NDArray[Any]
-    """(rows, columns), in the size of the projector."""
+    """(rows, columns), or (rows, columns, 3) in colours, in the size of the projector."""
 
 
 class Taker(Protocol):

@@ -211,7 +211,7 @@ class Bench:
         """Take a pose of the board."""
         stored = self._setup()
         action = TakePose(self.board, self._others(stored, self.words_for("calibrate")))
-        return self._act(session, "calibrate", action, stored.plan.frames + 1)
+        return self._act(session, "calibrate", action, stored.plan.pictures + 1)
 
     def judge_poses(self, session: Session) -> Job:
         """Judge the poses that lie in the folder."""
@@ -224,7 +224,7 @@ class Bench:
         self._needs(self.workspace.rig, "calibrate first")
         name = self.workspace.free(CHECK, "")
         action = CheckRig(name, self.board, self._others(stored, self.words_for("calibrate")))
-        return self._act(session, "checking the rig", action, stored.plan.frames + 2)
+        return self._act(session, "checking the rig", action, stored.plan.pictures + 2)
 
     def calibrated_with_all(self) -> bool:
         """Whether the rig is younger than every pose: no further ones are asked for then."""
@@ -262,7 +262,7 @@ class Bench:
         stored = self._setup()
         action = Scan(name, how, self._others(stored, self.words_for("scan", turned_deg)))
         self.notes.forget(name)
-        return self._act(session, "scan", action, how.hdr * stored.plan.frames + 1)
+        return self._act(session, "scan", action, how.hdr * stored.plan.pictures + 1)
 
     def start_series(
         self,

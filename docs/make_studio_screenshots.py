@@ -316,7 +316,7 @@ def main(pictures: Path | None) -> None:
                     look(browser, found[0], pictures, folder)
                     return
                 page = browser.new_page(viewport={"width": 1280, "height": 1000})
-                page.set_default_timeout(120_000)
+                page.set_default_timeout(300_000)
                 page.goto(found[0])
                 walk(page, folder)
         finally:

@@ -14,16 +14,99 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from make_screenshots import ARGUMENTS, IMAGES, save
 from playwright.sync_api import sync_playwright
 
+import fringeworks as fw
+from fringeworks.evaluate import plan_positions
+from fringeworks.evaluate.acceptance.positions import ArtefactPlace
 from fringeworks.studio.places import STEPS, Place
 from fringeworks.studio.tour import PART
+from fringeworks.types import Points
 
 FEW_POSES = 3
 """Poses after which tilts and corners are still missing."""
 POSES = 8
 """Poses of the board: as few as give a good rig."""
+SCANS = 3
+"""Scans of the part that the batch judges."""
+NOISE_MM = 0.02
+"""Standard deviation of the points of artefacts, mm."""
+SAMPLES = 3000
+"""Points of a ball or a plane."""
+PLANE_MM = (80.0, 50.0)
+"""Sides of the plane."""
+TEST = """kind = "acceptance-test"
+part = 2
+
+[volume]
+centre_mm = [0, 0, 510]
+size_mm = [150, 110, 60]
+
+[ball_bar]
+length_mm = 70.0
+length_expanded_mm = 0.002
+diameters_mm = [24.0, 24.0]
+diameter_expanded_mm = 0.001
+form_mm = 0.001
+
+[plane]
+size_mm = [80, 50]
+flatness_mm = 0.001
+flatness_expanded_mm = 0.001
+
+[limits_mm]
+PF = 0.15
+PS = 0.08
+SD = 0.05
+F = 0.15
+"""
+"""An acceptance test without its scans."""
+
+
+def seen(position: ArtefactPlace, random: np.random.Generator) -> Points:
+    """Points of an artefact in a position: the front halves of two balls, or a plane."""
+    if position.artefact == "ball bar":
+        ways = random.normal(size=(2, SAMPLES, 3))
+        ways /= np.linalg.norm(ways, axis=-1, keepdims=True)
+        ways[..., 2] = -np.abs(ways[..., 2])
+        radii = 12.0 + random.normal(0.0, NOISE_MM, (2, SAMPLES, 1))
+        return Points((position.marks_mm[:2, None] + radii * ways).reshape(-1, 3), None)
+    along = position.marks_mm[2] - position.marks_mm[0]  # the first mark is the middle
+    along = along / np.linalg.norm(along)
+    across = np.cross(position.direction, along)
+    u, v = random.uniform(-0.5, 0.5, (2, SAMPLES, 1)) * np.array(PLANE_MM)[:, None, None]
+    noise = random.normal(0.0, NOISE_MM, (SAMPLES, 1))
+    points = position.marks_mm[0] + u * along + v * across + noise * position.direction
+    return Points(points, None)
+
+
+def prepare_test(folder: Path) -> None:
+    """Write an acceptance test, with points of the artefacts in all positions."""
+    path, random = folder / "acceptance.toml", np.random.default_rng(1)
+    path.write_text(TEST, encoding="utf-8")
+    scans = []
+    for k, position in enumerate(plan_positions(fw.files.read_acceptance_test(path))):
+        fw.write(folder / f"artefact-{k:02d}.ply", seen(position, random))
+        scans.append(
+            f'\n[[scans]]\nartefact = "{position.artefact}"\nscan = "artefact-{k:02d}.ply"\n'
+        )
+    path.write_text(TEST + "".join(scans), encoding="utf-8")
+
+
+def prepare_recipe(folder: Path) -> None:
+    """Write a recipe with a box, a polygon and two tolerances."""
+    areas = {
+        "chest": fw.evaluate.Area(box=(150, 170, 210, 200)),
+        "head": fw.evaluate.Area(polygon=((150.0, 60.0), (200.0, 60.0), (175.0, 110.0))),
+    }
+    tolerances = (
+        fw.evaluate.PartTolerance("form of chest", "flatness", ("chest",), None, 20.0),
+        fw.evaluate.PartTolerance("share of head", "valid_share", ("head",), 0.5, None),
+    )
+    recipe = fw.Recipe(areas=areas, tolerances=tolerances, rig=folder / "rig.toml")
+    fw.files.write_recipe(folder / "recipe.toml", recipe)
 
 
 def choose(page: Any, scene: str) -> None:
@@ -58,7 +141,7 @@ def opened(page: Any, name: str) -> None:
 
 def draw(page: Any, box: tuple[int, int, int, int]) -> None:
     """Draw a box on the picture."""
-    picture = page.locator(".fw-live img")
+    picture = page.locator(".fw-picture img")
     picture.scroll_into_view_if_needed()
     page.wait_for_timeout(500)
     at = picture.bounding_box()
@@ -74,7 +157,21 @@ def surface(page: Any) -> None:
     page.wait_for_function("document.querySelector('.fringe-viewer-mount')?.viewer?.rested")
 
 
-def walk(page: Any) -> None:
+def judge_batch(page: Any) -> None:
+    """Judge all parts, or show what was judged before."""
+    if not page.locator(".fw-scroll caption").count():
+        click(page, "Judge the parts")
+    page.locator(".fw-scroll caption").wait_for()
+    page.locator("picture img").first.wait_for()
+
+
+def certify(page: Any) -> None:
+    """Judge the scans of an acceptance test."""
+    click(page, "Certify")
+    page.locator(".fw-table tbody tr").first.wait_for()
+
+
+def walk(page: Any, folder: Path) -> None:
     """Go through all steps."""
     take(page, "start")
     step(page, "Set up")
@@ -112,8 +209,21 @@ def walk(page: Any) -> None:
     save(page.screenshot(), IMAGES / "studio" / "scan.png")
     surface(page)
     take(page, "look")
+    judge_scans(page, folder)
+    step(page, "Look")
+    surface(page)
+    click(page, "Write files")
+    take(page, "export")
+    step(page, "Learn")
+    click(page, "Try")
+    surface(page)
+    take(page, "learn")
+
+
+def judge_scans(page: Any, folder: Path) -> None:
+    """Draw areas on a scan, judge it and others, and certify the scanner."""
     opened(page, "Areas and tolerances")
-    page.locator(".fw-live img").wait_for()
+    page.locator(".fw-picture img").wait_for()
     page.wait_for_timeout(2000)
     draw(page, (20, 30, 75, 240))
     draw(page, (150, 60, 215, 95))
@@ -126,24 +236,31 @@ def walk(page: Any) -> None:
     page.get_by_text("scan-001: pass").scroll_into_view_if_needed()
     page.evaluate("window.scrollBy(0, 400)")
     take(page, "areas")
+    page.locator(".fringe-viewer canvas").first.focus()
+    page.keyboard.press("1")
+    page.evaluate("window.scrollTo(0, 0)")
+    take(page, "handles")
+    for _ in range(1, SCANS):
+        step(page, "Scan")
+        click(page, "Scan (space)")
+        surface(page)
     step(page, "Captures")
     page.locator(".fw-list [role=option]").first.wait_for()
     take(page, "captures")
-    step(page, "Look")
-    surface(page)
-    click(page, "Write files")
-    take(page, "export")
-    step(page, "Learn")
-    click(page, "Try")
-    surface(page)
-    take(page, "learn")
+    step(page, "Batch")
+    judge_batch(page)
+    take(page, "batch")
+    prepare_test(folder)
+    step(page, "Certify")
+    certify(page)
+    take(page, "certify")
 
 
 SCHEMES = (("light", 1280, 900), ("dark", 1280, 900), ("phone", 390, 844))
 """Pages that are looked at: name, width and height, px."""
 
 
-def look(browser: Any, address: str, folder: Path) -> None:
+def look(browser: Any, address: str, folder: Path, work: Path) -> None:
     """Write every page in every scheme, after a virtual part was measured."""
     page = browser.new_page()
     page.set_default_timeout(300_000)
@@ -151,6 +268,8 @@ def look(browser: Any, address: str, folder: Path) -> None:
     page.wait_for_timeout(1000)
     click(page, "Try with a virtual part")
     surface(page)
+    prepare_test(work)
+    prepare_recipe(work)
     for name, width, height in SCHEMES:
         scheme = "dark" if name == "dark" else "light"
         context = browser.new_context(
@@ -165,10 +284,14 @@ def look(browser: Any, address: str, folder: Path) -> None:
                 page.goto(f"{address}look/{PART}")
                 surface(page)
                 opened(page, "Areas and tolerances")
-                page.locator(".fw-live img").wait_for()
+                page.locator(".fw-picture img").wait_for()
             if place == "learn":
                 click(page, "Try")
                 surface(page)
+            if place == "batch":
+                judge_batch(page)
+            if place == "certify":
+                certify(page)
             page.wait_for_timeout(1500)
             slug = place.replace(" ", "-")
             page.screenshot(path=folder / f"{slug}-{name}.png", full_page=True)
@@ -190,12 +313,12 @@ def main(pictures: Path | None) -> None:
                 browser = driver.chromium.launch(executable_path=program, args=ARGUMENTS)
                 if pictures is not None:
                     pictures.mkdir(parents=True, exist_ok=True)
-                    look(browser, found[0], pictures)
+                    look(browser, found[0], pictures, folder)
                     return
                 page = browser.new_page(viewport={"width": 1280, "height": 1000})
-                page.set_default_timeout(120_000)
+                page.set_default_timeout(300_000)
                 page.goto(found[0])
-                walk(page)
+                walk(page, folder)
         finally:
             studio.terminate()
             studio.wait()

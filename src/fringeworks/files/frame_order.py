@@ -148,7 +148,7 @@ def _extra(paths: Sequence[Path], labels: list[str]) -> str:
 
 
 def _equal(paths: Sequence[Path]) -> str:
-    """Which images are copies of others, as the end of a message; or how to choose among all."""
+    """End of a message: which images are copies of others; if none is, how to choose images."""
     seen: dict[int, list[Path]] = {}
     for path in paths:
         seen.setdefault(path.stat().st_size, []).append(path)
@@ -161,7 +161,10 @@ def _equal(paths: Sequence[Path]) -> str:
     ]
     if copies:
         return f"; {', '.join(copies[:MOST_COPIES])}"
-    return "; remove those too many, or list the frames as frames = [...] in capture.toml"
+    return (
+        "; remove the images that do not belong to the capture, or list the frames as "
+        "frames = [...] in capture.toml"
+    )
 
 
 def _missing(paths: Sequence[Path], labels: list[str], carried: list[str] | None) -> str:

@@ -350,7 +350,7 @@ def _read(
 
 
 def _suffix_by_content(path: Path) -> str:
-    """The suffix of an image, or that of its true kind where a TIFF and others are mixed up."""
+    """The suffix of an image; by its content where a TIFF has another suffix, or the reverse."""
     suffix = path.suffix.lower()
     if suffix not in IMAGE_SUFFIXES + TIFF_SUFFIXES:
         return suffix
@@ -362,7 +362,7 @@ def _suffix_by_content(path: Path) -> str:
 
 
 def _as_counts(array: NDArray[Any]) -> NDArray[Any]:
-    """Counts of other types as those that frames have, where these hold them without loss."""
+    """Counts of other types as a type that frames have, where this loses nothing."""
     if array.dtype == np.float16:
         return array.astype(np.float32)
     other = array.dtype.kind in "ui" and array.dtype.name not in ("uint8", "uint16")

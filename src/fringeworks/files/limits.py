@@ -194,7 +194,7 @@ def text_of(content: bytes) -> str:
     except UnicodeDecodeError as error:
         raise FileProblem(
             f"expected text in UTF-8, got byte 0x{content[error.start]:02x} at place {error.start},"
-            " which is none; save the file as UTF-8"
+            " which is not UTF-8; save the file as UTF-8"
         ) from error
 
 

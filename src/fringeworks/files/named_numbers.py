@@ -77,7 +77,7 @@ def read_numbers(path: Path) -> dict[str, NDArray[np.float64]]:
 
 
 def refuse_maps(path: Path) -> None:
-    """Refuse a file that holds maps for the pixels of an image in place of a rig.
+    """Refuse a file that holds rectification maps, with a value for each pixel, in place of a rig.
 
     Raises
     ------
@@ -89,10 +89,10 @@ def refuse_maps(path: Path) -> None:
         sizes = [(int(a), int(b)) for a, b in MAP_SIZE.findall(file.read(MAP_HEAD_BYTES))]
     for rows, columns in (size for size in sizes if min(size) >= LEAST_MAP_PX):
         raise FileProblem(
-            f"expected camera matrices, got maps of {columns} × {rows} px, as of "
-            "initUndistortRectifyMap, which hold no rig; bring M1, D1, M2, D2, R and T of "
-            "stereoCalibrate, or, for frames that are rectified already, P1 and P2 of "
-            "stereoRectify, in a file without maps"
+            f"expected camera matrices, got maps of {columns} × {rows} px, as "
+            "initUndistortRectifyMap makes them, which hold no rig; bring a file without maps that "
+            "has M1, D1, M2, D2, R and T of stereoCalibrate, or, for frames that are rectified "
+            "already, P1 and P2 of stereoRectify"
         )
 
 

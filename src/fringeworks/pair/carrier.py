@@ -43,10 +43,10 @@ MIN_SHARE = 0.2
 Noise and ramps stay below it; strongly shaded or noisy fringes above. An empirical choice.
 """
 LARGEST_TILT_DEG = 45.0
-"""Tilt of the fringes against an axis from which on the other axis is tried, degrees."""
+"""Tilt of the fringes against an axis, degrees, above which the other axis is tried."""
 STEEPEST_TILT_DEG = 60.0
-"""Largest tilt against an axis that was asked for, degrees: the displacement along it is twice that
-across the fringes, and so is its σ."""
+"""Largest tilt against an axis that the caller gives, degrees. At 60°, the displacement along the
+axis and its σ are twice those across the fringes."""
 BLOCK_ROWS = 64
 """Rows whose spectra are in memory at a time: together they are a small part of a frame."""
 REFINEMENTS = 3
@@ -69,7 +69,7 @@ class Carrier:
     @property
     def tilt_deg(self) -> float:
         """Angle between the fringes' normal and ``axis``, −60…60 degrees; beyond ±45 only where the
-        axis was asked for."""
+        caller gives the axis."""
         return float(np.degrees(np.arctan(self.cross_frequency * self.period_px)))
 
 

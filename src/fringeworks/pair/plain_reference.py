@@ -96,10 +96,10 @@ TINY_RAD = 1e-6
 ADVICE = "give the pixels that show the reference plane (background), or a reference frame"
 """What to do about a background that is not found."""
 WAVEFORM_STEPS = 3
-"""Times that the phase of a block is fitted with the harmonics at its last phase: each step divides
-the rest by more than five at γ = 2.2."""
+"""Number of fits of a block's phase, each with the harmonics at the phase of the fit before. Each
+divides the error by more than five at γ = 2.2."""
 MIN_AWAY = 20
-"""Fewest blocks that must be left apart from the object: four for each coefficient of a plane."""
+"""Fewest blocks that must remain away from the object: four for each coefficient of a plane."""
 MAX_FIT_STEPS = 30
 """Largest number of steps of the fit; it usually takes five."""
 PARTS = 4
@@ -472,8 +472,8 @@ def _excess(plane: _Plane, blocks: _Blocks) -> FloatMap:
 def _away(blocks: _Blocks, member: BoolMap) -> BoolMap:
     """Blocks of the background without a neighbour that is off its plane.
 
-    An object has a skirt, whose first blocks are still close to the plane, all on one side of it.
-    Where too few blocks are left, the background is narrow: they all count.
+    An object has a skirt. Its outer blocks are still close to the plane, but all on one side of it.
+    Where too few blocks would be left, the background is narrow, and all blocks count.
     """
     grid = np.zeros((int(blocks.row.max()) + 1, int(blocks.column.max()) + 1), bool)
     grid[blocks.row, blocks.column] = ~member
@@ -482,7 +482,7 @@ def _away(blocks: _Blocks, member: BoolMap) -> BoolMap:
 
 
 def _explained(plane: _Plane, blocks: _Blocks) -> BoolMap:
-    """Blocks that noise and an uneven background put as far from a plane as they are."""
+    """Blocks whose distance from a plane noise and an uneven background explain."""
     return np.asarray(_excess(plane, blocks) < 1.0)
 
 
@@ -546,11 +546,12 @@ def _phase_map(
 ) -> tuple[FloatMap, FloatMap]:
     """Phase of the plane over the frame, and its variance, rad².
 
-    The variance has two parts. What the background is off the plane where it shows, it may be off
-    where the object hides it: the scatter of the blocks around the plane. And the larger of two
-    estimates of the errors that neighbours share: a jackknife over parts of the background, with
-    what one more row of blocks beside the object changes, which its skirt may have raised; and
-    what so many parts leave of the prior of the plane.
+    The variance has two parts. The first is the scatter of the blocks around the plane: where the
+    object hides the background, it may be as uneven as where it is seen. The second is the larger
+    of two estimates of the errors that neighbouring blocks share. One is a jackknife over parts of
+    the background, plus the change when the next row of blocks beside the object is left out,
+    which the object's skirt may have raised. The other is what as many parts leave of the prior of
+    the plane.
     """
     h, w = shape
     u, v = np.linspace(-1.0, 1.0, w)[None, :], np.linspace(-1.0, 1.0, h)[:, None]

@@ -21,35 +21,36 @@ from fringeworks.types import BoolMap, DisplacementMap, FloatMap, Frozen, Reason
 from fringeworks.types.packages import cv2
 
 MIN_SHADOW = 0.5
-"""Shortest shadow whose width is read, periods: a step that is taken for one in the other direction
-casts a longer one. The dark part of a sinusoidal fringe has 0.2 periods."""
+"""Shortest shadow whose width is read, periods. The dark part of a fringe has 0.2 periods. A step
+that is measured in the wrong direction casts a shadow of more than 0.5 periods."""
 MIN_LINES = 8
-"""Fewest lines through the shadows of a surface that tell its order: fewer belong to marks and
-dirt."""
+"""Fewest lines through the shadows of a surface by which its order is corrected. Marks and dirt
+have fewer."""
 LEVEL = 0.12
-"""Largest difference of the displacement of a surface from that at its shadows, periods. Steps
-within it of a whole period are not separated from their surroundings, and only reported."""
+"""Largest difference of the displacement of a surface from that at its shadows, periods. Where a
+surface differs from its surroundings by less, the two are not separated, and are only reported."""
 AGREEMENT = 0.8
 """Least share of the lines of a surface that must show the same number of periods."""
 FLAT = 0.05
-"""Largest range of the displacement over half a period around a cliff, periods: what is steeper may
+"""Largest range of the displacement over half a period around a cliff, periods. A steeper place may
 be the flank of a smooth surface that has the same level by chance."""
 FLAT_SHARE = 0.9
-"""Least share of a level surface, and of its surroundings, that must be flat, or unknown: it ends
-at cliffs all around then."""
+"""Least share of a level surface, and of its surroundings, that must be flat or unknown. The
+surface then ends at cliffs all around."""
 RING = (0.75, 1.25)
-"""Distance of these surroundings, periods: filters smear a cliff over about a period."""
+"""Smallest and largest distance of these surroundings, periods: filters smear a cliff over about
+one period."""
 LARGEST = 0.4
-"""Largest share of the frame that is moved: what is larger is the background."""
+"""Largest share of the frame that is moved. A larger surface is the background."""
 UNKNOWN_PX = 1e9
-"""Stands for unknown displacements where surfaces are filled: no level surface reaches them."""
+"""Value of unknown displacements while surfaces are filled: no level surface reaches it."""
 MAX_SURFACES = 64
-"""Largest number of surfaces that are looked at; it bounds the time."""
+"""Largest number of surfaces that are examined; it bounds the time."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ShadowOrders(Frozen):
-    """What shadows say of the fringe orders; maps are (h, w), as captured."""
+    """Corrections of the fringe orders by shadows; maps are (h, w), as captured."""
 
     moved: NDArray[np.int16]
     """Whole periods that were added."""
@@ -83,14 +84,14 @@ def by_shadows(
 
     Returns
     -------
-    The displacement, and what was done. A level surface that ends at cliffs all around, and whose
-    shadows show the same number of whole periods, is moved by them. Any other level surface that
+    The displacement, and the corrections. A level surface that ends at cliffs all around is moved
+    by whole periods where its shadows show the same number of them. Any other level surface that
     its shadows contradict is NaN (``ORDER_AMBIGUOUS``), and so are the edges of both.
 
     Notes
     -----
-    Along a line that is tilted by θ against the axis, as the normal of the fringes is, a shadow of
-    the width ℓ belongs to a step of ℓ/cos²θ along the axis.
+    Lines run along the normal of the fringes, at an angle θ to the axis. A shadow of the width ℓ
+    along the axis belongs to a step of ℓ/cos²θ along the axis.
     """
     turn, period = prepared.to_capture, found.period_px
     u = np.asarray(turn(found.displacement_px), np.float64)

@@ -12,19 +12,19 @@ from fringeworks.pair.prepared import PreparedPair
 from fringeworks.types import BoolMap, DisplacementMap, FloatMap, sealed
 
 JUMP = 0.2
-"""Difference of neighbours from which a surface ends between them, periods: fringes of such a slope
-are not resolved."""
+"""Difference of two neighbouring pixels at which a surface ends between them, periods. Fringes of
+such a slope are not resolved."""
 MIN_AREA = 2.0
-"""Smallest surface that is looked at, square periods: smaller ones are single windows."""
+"""Smallest surface that is examined, square periods. Smaller ones are single windows."""
 GAP = 0.25
-"""Largest distance between two surfaces that touch each other, periods: windows end so far from
-each other on either side of a jump."""
+"""Largest distance between two surfaces that count as touching, periods: windows on either side of
+a jump end at this distance from each other."""
 WHOLE = 0.1
 """Largest deviation of a tear from whole periods, periods. A step of any other height is as close
 by chance in one of five cases."""
 TEAR_SHARE = 0.8
-"""Least share of the places where two surfaces touch that must jump by the same number of periods:
-those of steps of other heights do not."""
+"""Least share of the places where two surfaces touch that must jump by the same number of periods.
+Steps of other heights have a smaller share."""
 TEAR_LENGTH = 2.0
 """Least length of a tear, periods."""
 
@@ -85,8 +85,8 @@ def without_tears(prepared: PreparedPair, found: DisplacementMap) -> tuple[Displ
 
     Notes
     -----
-    The fringes go on across such a tear. A step of exactly that height would look the same, but a
-    surface that goes on is by far more likely than a step which meets a whole number along its
+    The fringes continue across such a tear. A step of exactly that height would look the same, but
+    a continuous surface is far more likely than a step that is a whole number of periods along its
     whole edge.
     """
     turn, period = prepared.to_capture, found.period_px

@@ -21,7 +21,7 @@ TINY = 1e-12
 """Share of the largest singular value below which a direction counts as undetermined, and smallest
 weight of a block."""
 BLOCKS_PER_SIGMA = 8
-"""Fewest blocks whose scatter tells how well their mean is known."""
+"""Fewest blocks from whose scatter the error of their mean is estimated."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -94,8 +94,8 @@ def common_waveform(harmonics: NDArray[np.complex128]) -> Waveform:
 
     Notes
     -----
-    The median of the blocks, times the share of its square that their scatter does not explain:
-    what only noise shows is no waveform.
+    The median of the blocks, times the share of its square that their scatter does not explain.
+    Harmonics that are only noise thereby become zero.
     """
     n, k = harmonics.shape
     if n < BLOCKS_PER_SIGMA or not k:

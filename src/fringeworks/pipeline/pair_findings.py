@@ -251,25 +251,29 @@ def _torn(found: DisplacementMap) -> Finding | None:
 def shadow_findings(
     shadows: ShadowOrders, torn: int, *, applied: bool = True
 ) -> tuple[Finding, ...]:
-    """What shadows and tears tell of the fringe orders; empty where they contradict none.
+    """Return findings about fringe orders that shadows and tears contradict; empty for none.
 
     Parameters
     ----------
     shadows : ShadowOrders
     torn : int
-        Pixels that were torn off their surroundings by whole periods, and moved back.
+        Number of pixels that were moved back, because they differed by whole periods from the
+        surface around them.
     applied : bool
-        Whether surfaces were moved and removed: in a single frame, a shadow may be dark paint.
+        False for a single frame, where a shadow may be dark paint: nothing is moved or removed.
     """
     moved, refused = float(np.mean(shadows.moved != 0)), float(shadows.refused.mean())
-    verb = "were" if applied else "would be, if these are no dark paint,"
+    if applied:
+        told_as = "were moved by whole periods", "were removed"
+    else:
+        told_as = "may be off by whole periods", "may be off by an unknown number of periods"
     told = []
     if torn:
         told.append(
             Finding(
                 "torn surface",
-                f"{100.0 * torn / shadows.moved.size:.1f} % of the pixels were torn off the "
-                "surface around them by whole fringe periods, and were moved back",
+                f"{100.0 * torn / shadows.moved.size:.1f} % of the pixels differed by whole fringe "
+                "periods from the surface around them, and were moved back",
                 advice="check these regions where the object has steps of whole periods",
                 figures={"moved_share": torn / shadows.moved.size},
                 severity="note",
@@ -279,9 +283,9 @@ def shadow_findings(
         told.append(
             Finding(
                 "whole periods",
-                "shadows differ by whole fringe periods from the steps beside them: surfaces with "
-                f"{100 * moved:.1f} % of the pixels {verb} moved by these, {100 * refused:.1f} % "
-                f"{verb} removed, and {shadows.open_lines} lines belong to no separate surface",
+                "shadows contradict the steps beside them by whole fringe periods: "
+                f"{100 * moved:.1f} % of the pixels {told_as[0]}, {100 * refused:.1f} % "
+                f"{told_as[1]}, and {shadows.open_lines} lines belong to no separate surface",
                 causes=("a step of half a period or more", "dark paint that looks like a shadow"),
                 advice="use fringes of a longer period, or shifted fringes with Gray code, where "
                 "the object has such steps",

@@ -24,7 +24,7 @@ from fringeworks.types import (
 )
 
 SAMPLED_PX = 40_000
-"""Pixels from which noise and light of the pictures are measured: to 1 %."""
+"""Number of pixels from which noise and light of the pictures are measured, to 1 %."""
 BLOCK_PX = 8
 """Side of the blocks over which errors are averaged, px: the noise of a mean is an eighth of that
 of a pixel."""
@@ -33,9 +33,11 @@ LIT_RATIO = 6.0
 CLEAREST = 0.1
 """Share of the pixels that count as the clearest."""
 BRIGHTNESS_GROUPS = 12
-"""Groups of pixels of similar brightness from which shot noise is told from read noise."""
+"""Number of groups of pixels of similar brightness, by which shot noise is separated from read
+noise."""
 PRECISION = 5e-5
-"""Least standard deviation of floats, over the largest: that of the decoder's arithmetic."""
+"""Least standard deviation of counts that are floats, relative to the largest count: that of the
+decoder's arithmetic."""
 OUTLIER_SIGMAS = 4.0
 """Standard deviations at which the error of a sum of steps is cut: 6 in 100 000 of Gaussian noise
 lie beyond."""
@@ -359,8 +361,8 @@ def _smooth_error(
     error = float(np.sqrt(max(np.mean(found), 0.0))) if found.size else 0.0
     if error > MOST_ERROR:
         raise FramesContradictPlan(
-            f"pictures: the three steps of a set add up to {150:g} % of white, but for errors of "
-            f"{100 * error:.0f} % that neighbours share; {SAME_LIGHT}"
+            f"pictures: expected the three steps of a set to add up to 150 % of white, got sums "
+            f"that are off by {100 * error:.0f} % of white in whole regions; {SAME_LIGHT}"
         )
     return error
 

@@ -64,8 +64,8 @@ MAX_NAMED = 3
 
 
 OWN_AXES = 0.5
-"""Share of the gain of an order that exchanges the axes from which on one that does not is named
-in its place. Orders of codes with their own axes have 0.6 and more of it in simulations."""
+"""An order that exchanges the axes is not named where one that keeps them has more than this share
+of its gain. Where the axes are kept, that share is 0.6 or more in simulations."""
 
 PREFERRED = ("steps", "", "set", "moved", "start")
 """Kinds of explanations in the order in which equally good ones are named; "" stands for others."""

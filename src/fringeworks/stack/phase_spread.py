@@ -1,8 +1,8 @@
 """Ripple of a response from how the phases of many fringes are spread.
 
 Surfaces that many fringes cross show each phase equally often. A response that is not linear moves
-the phases, so that some are seen more often than others: the cumulative share of the phases tells
-the error of each. Relief of the surface, which single fringes cannot be told from, cancels.
+the phases, so that some are seen more often than others. The cumulative share of the phases gives
+the error of each. Relief of the surface, which within one fringe looks like ripple, cancels.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ ALIKE = 3.0
 """Largest difference of the two ways of measuring a ripple, in standard deviations."""
 
 SMOOTHED = 0.02
-"""Share of an amplitude that noise of the phases takes or adds, because it evens out their spread:
-0.012 at 0.03 rad of noise on ripple of γ = 2.2 in simulations."""
+"""Error of an amplitude, as a share of it, because noise of the phases evens out their spread. In
+simulations of γ = 2.2 it is 0.012 at 0.03 rad of noise."""
 
 
 def with_spread(ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int) -> Ripple:
-    """Add what the spread of phases tells of a ripple that lines show at few places.
+    """Combine a ripple that lines show at few places with that from the spread of phases.
 
     Parameters
     ----------
@@ -37,23 +37,24 @@ def with_spread(ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int) 
     phase_rad : (r, l) array
         Wrapped phases along r lines across the fringes, rad.
     used : (r, l) bool array
-        Pixels whose light does not depend on their phase: none that are saturated at some phases.
+        Pixels that are measured whatever their phase: not those that saturate at some phases.
     steps : int
         Number of steps of the set.
 
     Returns
     -------
     Ripple
-        Both, weighted by their variances, where the orders that a response makes, multiples of the
-        number of steps, are largest at once that number, and significant and the same both ways;
-        otherwise the one of the lines. A projector's pixel grid is largest at a higher multiple.
+        The mean of both, weighted by the inverse of their variances, in the orders that a response
+        makes (multiples of the number of steps). The ripple of the lines where the first of these
+        orders is not the largest (a projector's pixel grid makes a higher one), is not significant
+        by the spread, or differs between the two.
 
     Notes
     -----
     With F the cumulative share of the measured phases φ', the true phase is φ = 2π F(φ') and the
-    error φ' − φ, where the true phases are spread evenly. How far they are from that is told by the
-    scatter of the mean of e^{ikφ'} over places along the lines: lines next to each other cross the
-    same surface, and count once. To first order, an amplitude is 2/k of that mean.
+    error φ' − φ, where the true phases are spread evenly. The scatter of the mean of e^{ikφ'} over
+    places along the lines tells how far they are from an even spread. Lines next to each other
+    cross the same surface, and count once. To first order, an amplitude is 2/k of that mean.
     """
     response = [k for k, order in enumerate(ripple.orders) if order % steps == 0]
     orders = tuple(ripple.orders[k] for k in response)

@@ -44,7 +44,7 @@ OUTLIER_SIGMAS = 4.0
 """Residuals beyond this many standard deviations do not take part, for example wrong orders."""
 
 PASSES = 10
-"""Most fits after one another, each at the phases without the ripple of those before."""
+"""Largest number of fits. Each uses the phases without the ripple that the fits before found."""
 
 SETTLED_RAD = 0.01
 """Change of those phases, rms, below which another fit changes a ripple of three per fringe by less
@@ -153,8 +153,7 @@ def ripples_of_sets(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> lis
     found: list[Ripple | None] = []
     for first_row, of_set in zip(_first_rows(orders), orders, strict=True):
         at = slice(first_row, first_row + 2 * len(of_set))
-        # Over the phases that were seen.
-        alike = products[at, at] / waves.shape[1]
+        alike = products[at, at] / waves.shape[1]  # over the phases that were seen
         pairs = expected[at].reshape(-1, 2)
         unsure = float(np.sum(covariance[at, at] * alike))
         # What is unsure of the phase turns into other orders where ripple changes with the phase.

@@ -1,4 +1,4 @@
-"""What NiceGUI loads on every page and the studio never uses, left out: the first page is light."""
+"""Leaves out what NiceGUI loads on every page and the studio never uses."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ const escaped = (text) => {
 };
 export default { sanitize: escaped };
 """
-"""In place of DOMPurify, which makes the HTML of strangers harmless: the studio shows none, and if
-some comes it is shown as text."""
+"""Replaces DOMPurify, which makes HTML from strangers harmless. The studio shows no such HTML; this
+shows it as text."""
 
 
 def lean_style(style: str) -> str:

@@ -1,4 +1,4 @@
-"""A result as the page tells it: its verdict, tables, lines, findings and charts, as plain data."""
+"""A result as the page shows it: its verdict, tables, lines, findings and charts, as plain data."""
 
 from __future__ import annotations
 

@@ -39,13 +39,13 @@ def quantified(value: Value, skins: Sequence[Skin]) -> Quantified:
     The value is the mean of its posterior: of likely surfaces, see ``likely``. Forms with several
     equal peaks, or with one alone, are no draws of its prior, and bias it. How much is told by a
     parametric bootstrap (Efron & Tibshirani, An introduction to the bootstrap, 1993, ch. 10): the
-    mean surface is measured again, under new noise, and what that mean exceeds the value of the
-    mean surface by is taken off. For the true form, the bias may be none or twice as much: it is as
-    uncertain as it is large.
+    mean surface is measured again, under new noise. If the mean of these values exceeds the value
+    of the mean surface, the excess is subtracted. For the true form, the bias may be zero or twice
+    as large, so its standard deviation is the bias itself.
 
-    A value that shrinks instead loses peaks to smoothing for a second time. Whether the first time
-    has cost as much is not known, because likely surfaces restore what their prior expects of the
-    peaks. Nothing is added; the loss is as uncertain as it is large.
+    If the mean is smaller instead, smoothing has removed peaks a second time. Whether it removed as
+    much the first time is not known, because likely surfaces restore what their prior expects of
+    the peaks. Nothing is added, and the loss counts as a standard deviation.
 
     Where no spline describes a surface, see ``_of_points``. Each independent part of the
     calibration's errors moves all surfaces at once by one standard deviation to either side.

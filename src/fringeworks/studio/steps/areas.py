@@ -19,9 +19,9 @@ from fringeworks.types.recipe import FROM_MODEL, QUANTITIES
 EVERYWHERE = "everywhere"
 """Choice for measuring the whole frame."""
 HOW = (
-    "Drag a box over the picture, or click the corners of a polygon and close it; or choose Region "
-    "in the viewer, drag a rectangle over the surface, and make it an area. Handles change areas "
-    "on the picture and on the surface; arrow keys move a handle by 1 px, with Shift by 10 px."
+    "Drag a box over the picture, or click the corners of a polygon and close it. You can also "
+    "choose Region in the viewer, drag a rectangle over the surface, and make it an area. Drag the "
+    "handles of an area to change it. Arrow keys move a handle by 1 px, with Shift by 10 px."
 )
 """How areas are drawn."""
 ENDS = ("first column", "first row", "last column", "last row")

@@ -28,7 +28,7 @@ HOW = (
 )
 """What the certificate is."""
 NO_TEST = (
-    'Put an acceptance test into the folder: a file .toml with kind = "acceptance-test", the '
+    'Put an acceptance test into the folder: a .toml file with kind = "acceptance-test", the '
     "volume, the artefacts, the limits, and the scans."
 )
 """What to do without a test."""
@@ -88,8 +88,8 @@ def _study(step: Step) -> None:
 
         _button(step, "Judge the gauge", judge)
     ui.label(
-        "Trials of several parts give repeatability and reproducibility; trials of one part of a "
-        "calibrated value give Cg and Cgk; a column of calibrated values gives linearity."
+        "Trials of several parts give repeatability and reproducibility. Trials of one part with a "
+        "calibrated value give Cg and Cgk. A column of calibrated values gives linearity."
     ).classes("fw-quiet fw-words")
     _results(step, STUDIES)
 
@@ -97,8 +97,8 @@ def _study(step: Step) -> None:
 def _rig(step: Step) -> None:
     studio = step.studio
     ui.label(
-        "Scans of parts tell without a board whether projector and camera still stand to each "
-        "other as they were calibrated, if they have stripes along both axes."
+        "Scans of parts show, without a board, whether projector or camera has moved since the "
+        "calibration. The scans need stripes along both axes."
     ).classes("fw-words")
     with ui.row().classes("fw-fields"):
         _button(

@@ -66,6 +66,6 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 def _row(kind: str, texts: Sequence[str]) -> None:
     with ui.element("tr"):
         for text in texts:
-            # A heading without a word is none.
+            # Screen readers report an empty heading as an error.
             with ui.element(kind if text else "td"):
                 ui.label(text)

@@ -31,8 +31,8 @@ VIEWS = (
 )
 """Steps of merging."""
 CAMERAS = (
-    "Put the poses of a board that every camera saw into a folder for each camera; poses with one "
-    "name are the same.",
+    "Make a folder for each camera. Put its captures of a board into it, one for each pose, under "
+    "the same names in all folders.",
     "Calibrate the cameras: the first folder is the first camera.",
     "Choose the captures of a part, one for each camera in the same order, and measure.",
 )

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import fringeworks as fw
+from fringeworks.files.ap242 import DrawnEntities
 from fringeworks.files.part21 import face_names, parse_part21
 from fringeworks.surface.closest import MeshDistance, sampled
 from fringeworks.types import NominalFace
@@ -142,6 +143,14 @@ def test_the_text_of_a_step_file():
     assert set(entities[4].records) == {"LENGTH_UNIT", "NAMED_UNIT", "SI_UNIT"}
     with pytest.raises(fw.FileProblem, match="ISO 10303-21"):
         parse_part21("solid a")
+
+
+def test_the_text_counts_the_faces_as_the_model_does():
+    """``KINDS`` is what the geometry kernel finds; faces without a name are found by these."""
+    entities = parse_part21((DRAWINGS / "block.step").read_text())
+    faces = DrawnEntities(entities).faces.values()
+    assert tuple(face.kind for face in faces) == KINDS
+    assert [face.number for face in faces] == list(range(1, 13))
 
 
 def test_damaged_drawings_are_refused(tmp_path):

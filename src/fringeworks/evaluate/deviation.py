@@ -134,8 +134,8 @@ class Deviation(Noted, Plotted, Frozen):
         dict of JSON values, lengths in mm: ``points``, ``mean_mm`` with ``mean_sigma_mm``,
         ``rms_mm``, percentiles, extremes, ``within_1_sigma`` and ``within_2_sigma``; with a
         tolerance also ``outside_share``, and ``surely_outside_share`` of points that are outside by
-        more than 2 σ; ``faces``, a row for each face of a drawing that has points; ``only``, the names of
-        the faces that were asked for.
+        more than 2 σ; ``faces``, a row for each face of a drawing that has points; ``only``, the
+        names of the faces that were asked for.
 
         Raises
         ------

@@ -71,7 +71,7 @@ def recipe(
     drawing: Annotated[Path, typer.Argument(help="Drawing with tolerances: STEP AP242.")],
     out: Annotated[Path, typer.Option("--out", help="Write the recipe: .toml beside the drawing.")],
     rig: Annotated[
-        Path | None, typer.Option(help="Rig file of `calibrate` beside it, which parts use.")
+        Path | None, typer.Option(help="Rig file of `calibrate`; it lies beside the recipe.")
     ] = None,
 ) -> None:
     """Begin a recipe with the tolerances of a drawing; says which ones it cannot take."""

@@ -305,17 +305,12 @@ def deviation(
     uncertain = _uncertainty(seen, alignment, placed, near, edge, extrapolates=extrapolates)
     only = tuple(face.title for face in wanted)
     options = {"align": align, "reach_mm": reach_mm, "tolerance_mm": tolerance_mm, "seed": seed}
-    origin = made_by(
-        "deviation",
-        options=options | ({"faces": only} if only else {}),
-        inputs=(source, drawn_source),
-        rig=known,
-    )
+    options |= {"faces": only} if only else {}
+    origin = made_by("deviation", options=options, inputs=(source, drawn_source), rig=known)
     found = _assembled(seen, drawn, alignment, placed, near, uncertain, origin)
-    reason = found.reason.copy()
-    reason.ravel()[seen.index[left_out]] = Reason.MASKED
+    reason = _masked(found.reason, seen.index[left_out])
     face = None if number_of is None else _spread_faces(seen, number_of)
-    return replace(found, tolerance_mm=tolerance_mm, face=face, reason=sealed(reason), only=only)
+    return replace(found, tolerance_mm=tolerance_mm, face=face, reason=reason, only=only)
 
 
 def _wanted(model: TriangleMesh, faces: Sequence[str | int]) -> tuple[NominalFace, ...]:
@@ -351,6 +346,13 @@ def _kept(
         np.where(gone, np.nan, near.direction),
         face,
     ), left_out
+
+
+def _masked(reason: ByteMap, left_out: NDArray[np.intp]) -> ByteMap:
+    """The reasons, with those points masked that belong to other faces."""
+    found = reason.copy()
+    found.ravel()[left_out] = Reason.MASKED
+    return sealed(found)
 
 
 def _spread_faces(seen: MeasuredPart, number_of: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -74,6 +74,8 @@ class DrawnEntities:
             one: DrawnFace(k, name, self._surface(one)) for k, (one, name) in enumerate(named, 1)
         }
         """Faces by the numbers of their entities."""
+        self.assembled = any("NEXT_ASSEMBLY" in one.kind for one in entities.values())
+        """Whether the file is an assembly, whose faces the model counts another way."""
         self._used: dict[int, list[int]] = {}
         self._related: list[tuple[int, int]] = []
         self.zones: dict[int, list[Entity]] = {}

@@ -286,7 +286,7 @@ def _title(drawn: DrawnEntities, face: DrawnFace) -> str:
         if names.count(face.name) > 1:
             raise Unclear(f"several faces have the name {face.name!r}")
         return face.name
-    if any("NEXT_ASSEMBLY" in one.kind for one in drawn.entities.values()):
+    if drawn.assembled:
         raise Unclear(f"face {face.number} of an assembly has no name")
     title = f"face {face.number}"
     if title in names or str(face.number) in names:

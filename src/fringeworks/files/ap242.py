@@ -22,6 +22,8 @@ PREFIXES = {
     ".NANO.": 1e-9,
 }
 """Prefixes of the SI that lengths have."""
+DECIMALS = 9
+"""Decimals of values in mm: a thousandth of a nanometre. Some programs write 0.01000000000004."""
 MOST_STEPS = 20
 """Longest chain of units or shape aspects; files have up to three, and a damaged one may go round
 in circles."""
@@ -80,6 +82,8 @@ class DrawnEntities:
         self._related: list[tuple[int, int]] = []
         self.zones: dict[int, list[Entity]] = {}
         """Tolerance zones by the numbers of their tolerances."""
+        self.defined: dict[int, list[str]] = {}
+        """Types of what defines zones further, such as projected ones, by the zones' numbers."""
         for one in entities.values():
             self._sort(one)
 
@@ -94,6 +98,10 @@ class DrawnEntities:
                 ends = references(parameters[2:4])
                 if len(ends) == 2:
                     self._related.append((ends[0], ends[1]))
+        for name, parameters in one.records.items():
+            if name.endswith("ZONE_DEFINITION"):
+                for zone in references(parameters[:1]):
+                    self.defined.setdefault(zone, []).append(name)
         if "TOLERANCE_ZONE" in one.records:
             for parameters in one.records.values():
                 for tolerance in references(parameters[4:5]):
@@ -145,7 +153,7 @@ class DrawnEntities:
             raise Unclear("it has no value")
         one = self.get(value.number)
         measure, units = self._measure(one)
-        found = measure * self.unit_mm(units)
+        found = round(measure * self.unit_mm(units), DECIMALS)
         if not 0 < found < math.inf:
             raise Unclear(f"its value is {number(found, unit='mm')}, where one above 0 is expected")
         return found

@@ -83,7 +83,9 @@ ONE_DATUM = frozenset(
     }
 )
 """Characteristics of a single datum."""
-PLAIN_ASPECTS = frozenset({"SHAPE_ASPECT", "DATUM_FEATURE", "COMPOSITE_SHAPE_ASPECT"})
+PLAIN_ASPECTS = frozenset(
+    {"SHAPE_ASPECT", "DATUM_FEATURE", "COMPOSITE_SHAPE_ASPECT", "CONTINUOUS_SHAPE_ASPECT"}
+)
 """Shape aspects that are their faces, not an axis or a middle that is derived from them."""
 DIMENSIONS = (
     "DIMENSIONAL_SIZE",
@@ -201,6 +203,7 @@ def _quantity(drawn: DrawnEntities, one: Entity, kind: str) -> str:
     more = sorted(one.records.keys() - PLAIN - {kind})
     for zone in drawn.zones.get(one.number, []):
         more += sorted(zone.records.keys() - {"TOLERANCE_ZONE", "SHAPE_ASPECT"})
+        more += drawn.defined.get(zone.number, [])
     if more:
         raise Unclear(f"it has {', '.join(more)}, which recipes do not have")
     return QUANTITIES[kind]
@@ -212,8 +215,9 @@ def _faces(drawn: DrawnEntities, target: object, quantity: str) -> list[DrawnFac
     aspect = drawn.get(found[0]) if found else None
     if aspect is None:
         raise Unclear("it belongs to no shape")
-    if not PLAIN_ASPECTS & aspect.records.keys():
-        raise Unclear(f"it belongs to a {aspect.kind}, not to faces")
+    others = sorted(aspect.records.keys() - PLAIN_ASPECTS)
+    if others or not aspect.records:
+        raise Unclear(f"it belongs to {others[0] if others else 'nothing'}, not to faces")
     faces = drawn.faces_of(aspect.number)
     needed = 2 if quantity == "iso_symmetry" else 1
     if len(faces) != needed:

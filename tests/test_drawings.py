@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -151,6 +152,42 @@ def test_the_text_counts_the_faces_as_the_model_does():
     faces = DrawnEntities(entities).faces.values()
     assert tuple(face.kind for face in faces) == KINDS
     assert [face.number for face in faces] == list(range(1, 13))
+
+
+PMI = """#9001=SHAPE_ASPECT('','',#4,.T.);
+#9002=GEOMETRIC_ITEM_SPECIFIC_USAGE('','',#9001,#10,#{bore});
+#9003=DATUM_FEATURE('','',#4,.T.);
+#9004=GEOMETRIC_ITEM_SPECIFIC_USAGE('','',#9003,#10,#17);
+#9005=DATUM('','',#4,.F.,'A');
+#9006=SHAPE_ASPECT_RELATIONSHIP('','',#9003,#9005);
+#9007=DATUM_REFERENCE_COMPARTMENT('','',#4,.F.,#9005,$);
+#9008=DATUM_SYSTEM('','',#4,.F.,(#9007));
+#9009=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(0.1),#714);
+#9010=CYLINDRICITY_TOLERANCE('','',#9009,#9001);
+#9011=FLATNESS_TOLERANCE('','',#9009,#9003);
+"""
+"""Tolerances of the block's bore and first face, after the numbers of its entities."""
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_a_recipe_of_a_drawing_names_the_faces_of_its_model(tmp_path, named):
+    block()
+    text = (DRAWINGS / "block.step").read_text()
+    bore = re.search(r"#(\d+) = ADVANCED_FACE\('F11'", text)[1]
+    text = text.replace("ENDSEC;\nEND-ISO", PMI.replace("{bore}", bore) + "ENDSEC;\nEND-ISO")
+    text = text if named else re.sub(r"ADVANCED_FACE\('F\d+'", "ADVANCED_FACE(''", text)
+    (tmp_path / "part.step").write_text(text)
+    drawn = fw.files.read_tolerances(tmp_path / "part.step")
+    assert not drawn.left_out
+    fw.files.write_recipe(tmp_path / "recipe.toml", drawn.recipe)
+    recipe = fw.files.read_recipe(tmp_path / "recipe.toml")
+    model = fw.files.read_model(recipe.model.mesh)
+    faces = {
+        one.quantity: face_named(model.nominal, recipe.areas[one.areas[0]].face)
+        for one in recipe.tolerances
+    }
+    assert faces["iso_cylindricity"].radius_mm == pytest.approx(6.0)
+    assert faces["iso_flatness"].number == 1
 
 
 def test_damaged_drawings_are_refused(tmp_path):

@@ -191,6 +191,7 @@ kind = "white"
 PLY = b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
 PLY += b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n1 1 2\n3 0 1 2\n"
 
+STEP = Path(__file__).parent / "drawings" / "inch.step"
 STEREO = b"""K1 = [80 0 32; 0 80 24; 0 0 1]; D1 = [0 0 0 0 0];
 K2 = [81 0 31; 0 81 25; 0 0 1]; D2 = [0 0 0 0 0];
 R = [1 0 0; 0 1 0; 0 0 1]; T = [-120 0 0];
@@ -380,6 +381,7 @@ def targets(folder: Path) -> list[Target]:
         Target("mesh.obj", b"mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", fw.files.read_mesh, TEXT_WORDS),
         Target("mesh.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", fw.files.read_mesh, TEXT_WORDS),
         Target("r/recipe.toml", RECIPE, fw.files.read_recipe, TOML_WORDS, {"r/plan.toml": PLAN, "r/m.png": png}),
+        Target("tolerances.step", STEP.read_bytes(), fw.files.read_tolerances, TEXT_WORDS),
         Target("robot.toml", _written(folder, "robot.toml", lambda p: fw.files.write_rig(p, replace(rig, robot=fw.rig.RobotFrame("hand", np.eye(4), np.eye(6), fw.rig.RobotNoise(0.1, 0.1), "kuka")))), fw.files.read_rig, TOML_WORDS),
         Target("poses.csv", b"name,X,Y_mm,Z,A,B,C\na,600,0,400,90,0,180\n", fw.files.read_robot_poses, TEXT_WORDS),
         Target("poses.dat", b"XP1={X 1.5,Y 2,Z -3,A 90,B 0,C 180,S 2}\nXP2={X 1,Y 2,Z 3,A 9,B 0,C 1,S 2}\n", fw.files.read_robot_poses, TEXT_WORDS),

@@ -136,6 +136,11 @@ def models(folder: Path) -> None:
     assert run(["mesh", str(folder / "part.npz"), "--out", str(folder / "part.stl")]) == 0
 
 
+def drawing(folder: Path) -> None:
+    """A drawing with tolerances."""
+    shutil.copy(Path(__file__).parent / "drawings" / "tolerances.step", folder / "part.step")
+
+
 def few_frames(folder: Path) -> None:
     """Four frames of a known range of depths, as the page plans them; many short steps beside them."""
     few = fw.patterns.propose_for_depth(rig(), (450.0, 560.0), 4)[0].plan
@@ -284,6 +289,7 @@ FILES: dict[str, tuple[Callable[[Path], None], ...]] = {
         lambda folder: stack("plane", folder / "plane", plan()),
     ),
     "hour-robot.md": (on_robot, bust_in("part")),
+    "tolerances.md": (drawing,),
     "robot.md": (on_robot, bust_in("part")),
     "score.md": (depth_maps,),
     "sequences.md": (followed,),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -10,10 +12,12 @@ import numpy as np
 import pytest
 
 import fringeworks as fw
+from fringeworks.files.ap242 import DrawnEntities
 from fringeworks.files.part21 import face_names, parse_part21
 from fringeworks.surface.closest import MeshDistance, sampled
 from fringeworks.types import NominalFace
 from fringeworks.types.nominal import face_named
+from tests.commands import run
 
 DRAWINGS = Path(__file__).parent / "drawings"
 KINDS = (
@@ -142,6 +146,50 @@ def test_the_text_of_a_step_file():
         parse_part21("solid a")
 
 
+def test_the_text_counts_the_faces_as_the_model_does():
+    """``KINDS`` is what the geometry kernel finds; faces without a name are found by these."""
+    entities = parse_part21((DRAWINGS / "block.step").read_text())
+    faces = DrawnEntities(entities).faces.values()
+    assert tuple(face.kind for face in faces) == KINDS
+    assert [face.number for face in faces] == list(range(1, 13))
+
+
+PMI = """#9001=SHAPE_ASPECT('','',#4,.T.);
+#9002=GEOMETRIC_ITEM_SPECIFIC_USAGE('','',#9001,#10,#{bore});
+#9003=DATUM_FEATURE('','',#4,.T.);
+#9004=GEOMETRIC_ITEM_SPECIFIC_USAGE('','',#9003,#10,#17);
+#9005=DATUM('','',#4,.F.,'A');
+#9006=SHAPE_ASPECT_RELATIONSHIP('','',#9003,#9005);
+#9007=DATUM_REFERENCE_COMPARTMENT('','',#4,.F.,#9005,$);
+#9008=DATUM_SYSTEM('','',#4,.F.,(#9007));
+#9009=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(0.1),#714);
+#9010=CYLINDRICITY_TOLERANCE('','',#9009,#9001);
+#9011=FLATNESS_TOLERANCE('','',#9009,#9003);
+"""
+"""Tolerances of the block's bore and first face, after the numbers of its entities."""
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_a_recipe_of_a_drawing_names_the_faces_of_its_model(tmp_path, named):
+    block()
+    text = (DRAWINGS / "block.step").read_text()
+    bore = re.search(r"#(\d+) = ADVANCED_FACE\('F11'", text)[1]
+    text = text.replace("ENDSEC;\nEND-ISO", PMI.replace("{bore}", bore) + "ENDSEC;\nEND-ISO")
+    text = text if named else re.sub(r"ADVANCED_FACE\('F\d+'", "ADVANCED_FACE(''", text)
+    (tmp_path / "part.step").write_text(text)
+    drawn = fw.files.read_tolerances(tmp_path / "part.step")
+    assert not drawn.left_out
+    fw.files.write_recipe(tmp_path / "recipe.toml", drawn.recipe)
+    recipe = fw.files.read_recipe(tmp_path / "recipe.toml")
+    model = fw.files.read_model(recipe.model.mesh)
+    faces = {
+        one.quantity: face_named(model.nominal, recipe.areas[one.areas[0]].face)
+        for one in recipe.tolerances
+    }
+    assert faces["iso_cylindricity"].radius_mm == pytest.approx(6.0)
+    assert faces["iso_flatness"].number == 1
+
+
 def test_damaged_drawings_are_refused(tmp_path):
     block()
     content = (DRAWINGS / "block.step").read_bytes()
@@ -242,3 +290,55 @@ def test_the_figures_of_a_deviation_have_a_row_for_each_face():
     assert low["mean_mm"] == pytest.approx(-0.05, abs=0.01)
     assert high["rms_mm"] == pytest.approx(SIGMA_MM, rel=0.1)
     assert "faces" in fw.report.summarise(found)
+
+
+def test_the_deviation_of_named_faces_is_that_of_their_points_only():
+    """Distances, σ and figures are those of the whole part at points of the faces."""
+    cloud, model = steps()
+    align = fw.evaluate.KnownPose(np.eye(4))
+    whole = fw.deviation(cloud, model, align=align, reach_mm=5.0)
+    found = fw.deviation(cloud, model, align=align, reach_mm=5.0, faces=("low", "low"))
+    on = whole.face == 1
+    np.testing.assert_array_equal(found.reason[on], whole.reason[on])
+    assert (found.reason[~on] == fw.Reason.MASKED).all()
+    np.testing.assert_array_equal(found.distance_mm[on], whole.distance_mm[on])
+    np.testing.assert_array_equal(found.sigma_mm[on], whole.sigma_mm[on])
+    assert np.isnan(found.distance_mm[~on]).all()
+    assert np.isnan(found.sigma_mm[~on]).all()
+    figures = found.figures()
+    assert [row["name"] for row in figures["faces"]] == ["low"]
+    assert figures["only"] == ["low"]
+    assert figures["points"] == np.count_nonzero(on)
+    assert figures["share_of_points"] == pytest.approx(on.mean())
+    assert figures["mean_mm"] == pytest.approx(float(np.mean(whole.distance_mm[on])), abs=1e-7)
+    both = fw.deviation(cloud, model, align=align, reach_mm=5.0, faces=("low", 2))
+    assert both.figures()["points"] == np.count_nonzero(whole.face)
+    assert both.only == ("low", "face 2")
+    with pytest.raises(fw.InputError, match="expected one of the model's, got none; it has low, f"):
+        fw.deviation(cloud, model, align=align, faces=("side",))
+    with pytest.raises(fw.InputError, match="expected a sequence of names, got the text 'low'"):
+        fw.deviation(cloud, model, align=align, faces="low")
+    far = fw.surface.Points(np.array([[30.0, 0, 490]]), None)
+    with pytest.raises(fw.InputError, match="faces: expected points on low away from"):
+        fw.deviation(far, model, align=align, reach_mm=5.0, faces=("low",))
+    plain = fw.TriangleMesh(model.vertices_mm, model.faces)
+    with pytest.raises(fw.InputError, match="a model with faces"):
+        fw.deviation(cloud, plain, align=align, faces=("low",))
+
+
+def test_the_command_takes_faces(tmp_path):
+    block()
+    found = measured()
+    fw.write(tmp_path / "part.ply", found)
+    given = ("deviation", tmp_path / "part.ply", "--model", DRAWINGS / "block.step")
+    given += ("--align", "none", "--reach-mm", "1")
+    done = run(*given, "--face", "F11", "--face", "8", "--json", tmp_path / "f.json")
+    rows = json.loads((tmp_path / "f.json").read_text())["faces"]
+    assert [row["number"] for row in rows] == [8, 11]
+    assert "F11" in done.stdout
+    assert "only points of the faces F11, F8" in done.stdout
+    report = tmp_path / "r.html"
+    run(*given, "--face", "F11", "--report", report)
+    assert "F11" in report.read_text()
+    bad = run(*given, "--face", "bore", code=2)
+    assert "it has F1, F2, F3" in bad.stderr

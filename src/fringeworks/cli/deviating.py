@@ -147,6 +147,10 @@ def deviation(
         float | None, typer.Option(help="Largest deviation that is allowed to either side, mm.")
     ] = None,
     scale: Annotated[float, typer.Option(help="mm per unit of the drawing; inches: 25.4.")] = 1.0,
+    face: Annotated[
+        list[str] | None,
+        typer.Option(help="Name or number of a face of the drawing; only its points; repeatable."),
+    ] = None,
     show: ShowOptions,
 ) -> None:
     """Measure how far a part lies from its drawing; judged, exit code 3 fail, 4 undecided."""
@@ -162,6 +166,7 @@ def deviation(
             rig=known,
             reach_mm=reach_mm,
             tolerance_mm=tolerance_mm,
+            faces=face or (),
             progress=progress,
         )
     from fringeworks.evaluate.inspect import judge_deviation

@@ -63,6 +63,45 @@ def inspect_part(
     raise typer.Exit(EXIT_CODES[found.verdict])
 
 
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks recipe part.step --rig rig.toml --out recipe.toml",
+)
+def recipe(
+    drawing: Annotated[Path, typer.Argument(help="Drawing with tolerances: STEP AP242.")],
+    out: Annotated[Path, typer.Option("--out", help="Write the recipe: .toml beside the drawing.")],
+    rig: Annotated[
+        Path | None, typer.Option(help="Rig file of `calibrate`; it lies beside the recipe.")
+    ] = None,
+) -> None:
+    """Begin a recipe with the tolerances of a drawing; says which ones it cannot take."""
+    from dataclasses import replace
+
+    from fringeworks.types.numbers import limit  # when it is used
+
+    words = output.Output()
+    found = fw.files.read_tolerances(drawing)
+    fw.files.write_recipe(out, replace(found.recipe, rig=rig))
+    columns = ("tolerance", "quantity", "faces", "datums", "largest / mm")
+    rows = [
+        [
+            one.name,
+            one.quantity,
+            ", ".join(one.areas),
+            ", ".join(one.zone.datums),
+            limit(one.high),
+        ]
+        for one in found.recipe.tolerances
+    ]
+    if rows:
+        words.table(columns, rows)
+    else:
+        words.say("the drawing has no tolerance that a recipe has")
+    for one in found.left_out:
+        words.say(one.line)
+    words.wrote(out)
+
+
 @app.command(rich_help_panel=SECTION, epilog="Example: fringeworks convert part.npz part.x3p")
 def convert(
     source: Annotated[Path, typer.Argument(help="Points or heights that were written before.")],

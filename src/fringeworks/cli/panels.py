@@ -19,7 +19,7 @@ PANELS = {
     "baseline-mm pitch-mm-per-px sign principal-px plane-coordinates plane-equation "
     "plane-sigma-mm period-px bright-px board "
     "turntable turn distortion model align datum-point datum-plane fit-box reach-mm tolerance-mm "
-    "scale in robot-pose poses-as",
+    "scale face in robot-pose poses-as",
     "Method": "live method option against denoise zero response estimate-response estimate-steps "
     "relative phases unwrap contrast adjust learn false-alarms kind min-period max-period "
     "camera-pixel robust colours",

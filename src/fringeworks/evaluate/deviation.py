@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,6 +19,7 @@ from fringeworks.types import (
     AlignBy,
     Alignment,
     BestFit,
+    BoolMap,
     ByteMap,
     DatumPlanes,
     DatumPoints,
@@ -27,6 +28,7 @@ from fringeworks.types import (
     Frozen,
     InputError,
     KnownPose,
+    NominalFace,
     Noted,
     Plotted,
     PointCloud,
@@ -40,6 +42,7 @@ from fringeworks.types import (
     made_by,
     sealed,
 )
+from fringeworks.types.nominal import face_named
 from fringeworks.types.numbers import number, percent
 from fringeworks.views.alignment import (
     REACH_SHARE,
@@ -110,6 +113,8 @@ class Deviation(Noted, Plotted, Frozen):
     face: NDArray[np.int32] | None = None
     """Number of the drawing's face nearest to every point, from 1; 0 for points without one and
     for those beside its sharp edges, which mix two faces. None where the model has no faces."""
+    only: tuple[str, ...] = ()
+    """Names of the faces whose points have distances; empty for all of the model."""
 
     @property
     def measured(self) -> FloatMap:
@@ -129,7 +134,8 @@ class Deviation(Noted, Plotted, Frozen):
         dict of JSON values, lengths in mm: ``points``, ``mean_mm`` with ``mean_sigma_mm``,
         ``rms_mm``, percentiles, extremes, ``within_1_sigma`` and ``within_2_sigma``; with a
         tolerance also ``outside_share``, and ``surely_outside_share`` of points that are outside by
-        more than 2 σ; ``faces``, a row for each face of a drawing that has points.
+        more than 2 σ; ``faces``, a row for each face of a drawing that has points; ``only``, the
+        names of the faces that were asked for.
 
         Raises
         ------
@@ -168,6 +174,8 @@ class Deviation(Noted, Plotted, Frozen):
             figures["surely_outside_share"] = sure
         if self.face is not None:
             figures["faces"] = self._by_face(self.face)
+        if self.only:
+            figures["only"] = list(self.only)
         return figures
 
     def _by_face(self, face: NDArray[np.int32]) -> list[dict[str, Any]]:
@@ -193,8 +201,8 @@ class Deviation(Noted, Plotted, Frozen):
 
     @property
     def _possible(self) -> int:
-        """Points that were measured, near the model or not."""
-        return int(np.count_nonzero((self.reason == Reason.OK) | (self.reason == Reason.OUTSIDE)))
+        """Points that were measured, on the faces or not, near the model or not."""
+        return int(np.count_nonzero(np.isfinite(self.points_mm[..., 0])))
 
 
 def deviation(
@@ -205,6 +213,7 @@ def deviation(
     rig: Rig | StrPath | None = None,
     reach_mm: float | None = None,
     tolerance_mm: float | None = None,
+    faces: Sequence[str | int] = (),
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Deviation:
@@ -227,6 +236,9 @@ def deviation(
         Points farther from the model do not belong to it, mm; by default 5 % of its size.
     tolerance_mm : float > 0, optional
         Largest distance that is allowed on either side, mm: pictures and reports show it.
+    faces : sequence of str or int
+        Names or numbers of faces of a drawing. All points are aligned, but only points of these
+        faces have distances; the others have the reason ``MASKED``. By default, all points count.
     seed : int
         Seed of the choice of points.
     progress : callable
@@ -238,8 +250,9 @@ def deviation(
 
     Raises
     ------
-    InputError for points that do not suit the way of alignment, points that cannot be aligned, and
-    where no point is within reach of the model; FileProblem for files that cannot be read.
+    InputError for points that do not suit the way of alignment, points that cannot be aligned,
+    faces that the model lacks, and where no point is within reach of the model or on the faces;
+    FileProblem for files that cannot be read.
 
     Notes
     -----
@@ -265,6 +278,7 @@ def deviation(
     known = rig if isinstance(rig, Rig) or rig is None else read_rig(rig)
     surface, source = named_part(part)
     drawn, drawn_source = named_model(model)
+    wanted = _wanted(drawn, faces)
     mesh = MeshDistance(drawn)
     reach = REACH_SHARE * mesh.size_mm if reach_mm is None else float(reach_mm)
     if not 0 < reach < np.inf:
@@ -286,30 +300,65 @@ def deviation(
             )
     extrapolates = not (isinstance(align, BestFit) and align.within is None)
     edge = _edge_sigma(seen, mesh, near)
+    number_of = None if mesh.face_index is None else np.where(edge > 0, 0, mesh.face_of(near))
+    near, left_out = _kept(near, number_of, wanted, alignment)
     uncertain = _uncertainty(seen, alignment, placed, near, edge, extrapolates=extrapolates)
-    origin = made_by(
-        "deviation",
-        options={
-            "align": align,
-            "reach_mm": reach_mm,
-            "tolerance_mm": tolerance_mm,
-            "seed": seed,
-        },
-        inputs=(source, drawn_source),
-        rig=known,
-    )
+    only = tuple(face.title for face in wanted)
+    options = {"align": align, "reach_mm": reach_mm, "tolerance_mm": tolerance_mm, "seed": seed}
+    options |= {"faces": only} if only else {}
+    origin = made_by("deviation", options=options, inputs=(source, drawn_source), rig=known)
     found = _assembled(seen, drawn, alignment, placed, near, uncertain, origin)
-    return replace(found, tolerance_mm=tolerance_mm, face=_faces(seen, mesh, near, edge))
+    reason = _masked(found.reason, seen.index[left_out])
+    face = None if number_of is None else _spread_faces(seen, number_of)
+    return replace(found, tolerance_mm=tolerance_mm, face=face, reason=reason, only=only)
 
 
-def _faces(
-    seen: MeasuredPart, mesh: MeshDistance, near: Nearest, edge: FloatMap
-) -> NDArray[np.int32] | None:
+def _wanted(model: TriangleMesh, faces: Sequence[str | int]) -> tuple[NominalFace, ...]:
+    """The faces that are named, each once."""
+    if isinstance(faces, str):
+        raise InputError(f"faces: expected a sequence of names, got the text {faces!r}")
+    found = {face.number: face for face in (face_named(model.nominal, one) for one in faces)}
+    return tuple(found.values())
+
+
+def _kept(
+    near: Nearest,
+    number_of: NDArray[np.int32] | None,
+    wanted: tuple[NominalFace, ...],
+    alignment: Alignment,
+) -> tuple[Nearest, BoolMap]:
+    """The nearest points without those of other faces, and which points these are."""
+    if not wanted or number_of is None:
+        return near, np.zeros(len(near.face), bool)
+    left_out = (near.face >= 0) & ~np.isin(number_of, [face.number for face in wanted])
+    face = np.where(left_out, -1, near.face)
+    if not (face >= 0).any():
+        names = ", ".join(face.title for face in wanted)
+        raise InputError(
+            f"faces: expected points on {names} away from sharp edges, got none; all measured "
+            "points lie elsewhere on the part",
+            findings=alignment.findings,
+        )
+    gone = left_out[:, None]
+    return Nearest(
+        np.where(left_out, np.nan, near.distance_mm),
+        np.where(gone, np.nan, near.point_mm),
+        np.where(gone, np.nan, near.direction),
+        face,
+    ), left_out
+
+
+def _masked(reason: ByteMap, left_out: NDArray[np.intp]) -> ByteMap:
+    """The reasons, with those points masked that belong to other faces."""
+    found = reason.copy()
+    found.ravel()[left_out] = Reason.MASKED
+    return sealed(found)
+
+
+def _spread_faces(seen: MeasuredPart, number_of: NDArray[np.int32]) -> NDArray[np.int32]:
     """Numbers of the faces of all points, in the shape of the part."""
-    if mesh.face_index is None:
-        return None
     full = np.zeros(seen.reason.size, np.int32)
-    full[seen.index] = np.where(edge > 0, 0, mesh.face_of(near))
+    full[seen.index] = number_of
     return full.reshape(seen.reason.shape)
 
 

@@ -18,6 +18,10 @@ from .check_history import (
     append_check as append_check,
     read_check_history as read_check_history,
 )
+from .drawn_tolerances import (
+    DrawnTolerances as DrawnTolerances,
+    read_tolerances as read_tolerances,
+)
 from .study_table import (
     StudyTable as StudyTable,
     read_study as read_study,

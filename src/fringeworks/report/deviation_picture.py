@@ -122,7 +122,11 @@ def facts_of(found: Deviation) -> str:
     if figures["median_sigma_mm"] is not None:
         parts.append(f"median σ {sigma_text(figures['median_sigma_mm'])} mm")
     parts.append(f"aligned by {found.alignment.by}")
-    if figures["share_of_points"] < 1.0:
+    if found.only:
+        parts.append(
+            f"{percent(figures['share_of_points'])} of all points: {', '.join(found.only)}"
+        )
+    elif figures["share_of_points"] < 1.0:
         parts.append(f"{percent(figures['share_of_points'])} within reach of the model")
     if isinstance(found.part, PointCloud):
         parts.append(UNMEASURED_WORDS)

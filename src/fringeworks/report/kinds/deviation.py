@@ -68,6 +68,8 @@ def figures(found: Deviation) -> dict[str, Any]:
 
 def words(found: Deviation, figures: dict[str, Any]) -> Iterator[Word]:
     """Mean, rms, dents and bumps, and the share outside a tolerance."""
+    if found.only:
+        yield f"only points of the faces {', '.join(found.only)}"
     sigma = figures["mean_sigma_mm"]
     mean = estimate(figures["mean_mm"], sigma, "mm")
     yield f"{figures['points']} points; mean {mean}; rms {number(figures['rms_mm'], unit='mm')}"
@@ -125,6 +127,7 @@ def chapter(result: Deviation, context: Context) -> Chapter:
         context.verdicts.append(check.verdict)
     rows = [
         *_judged(result, check, values),
+        *((("faces", ", ".join(result.only)),) if result.only else ()),
         ("points", f"{values['points']:,}"),
         ("mean", estimate(values["mean_mm"], values["mean_sigma_mm"], "mm")),
         ("rms", with_unit(values["rms_mm"], "mm")),

@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import TURN
-from fringeworks.stack.ripple import MIN_PLACES, RESPONSE_ORDER, SIGNIFICANT_AMPLITUDE, Ripple
+from fringeworks.stack.ripple import (
+    LINES_NOISE_ALONE,
+    MIN_PLACES,
+    RESPONSE_ORDER,
+    SIGNIFICANT_AMPLITUDE,
+    Ripple,
+    usual_rad,
+)
 from fringeworks.types import BoolMap, FloatMap
 
 PLACES = 12
@@ -46,7 +53,8 @@ def with_spread(ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int) 
     Ripple
         Both, weighted by their variances, where the orders that a response makes, multiples of the
         number of steps, are significant by the spread, and the largest one is the same both ways;
-        otherwise the one of the lines.
+        otherwise the one of the lines. Where the surface is rough, relief at few places looks like
+        ripple along lines, whatever their errors say: there the spread alone counts.
 
     Notes
     -----
@@ -60,6 +68,8 @@ def with_spread(ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int) 
     if places < MIN_PLACES:
         return ripple
     lines, of_lines = ripple.phasors_rad[response], ripple.errors_rad[response]
+    if ripple.excess > LINES_NOISE_ALONE:
+        of_lines = np.full(len(response), np.inf)
     largest = int(np.argmax(np.abs(seen)))
     off = abs(seen[largest] - lines[largest])
     if not (
@@ -71,7 +81,22 @@ def with_spread(ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int) 
     weights = 1.0 / errors**2, 1.0 / of_lines**2
     phasors[response] = (weights[0] * seen + weights[1] * lines) / sum(weights)
     all_errors[response] = sum(weights) ** -0.5
-    return replace(ripple, phasors_rad=phasors, errors_rad=all_errors, places=places)
+    found = replace(ripple, phasors_rad=phasors, errors_rad=all_errors, places=places)
+    return replace(found, error_rad=_error_rad(found, steps))
+
+
+def _error_rad(ripple: Ripple, steps: int) -> float:
+    """Error of the sum over the orders that count, rms, rad.
+
+    Relief along the lines is in the errors of the other ones, which are left as they are: those of
+    a response may hide as much as it usually makes.
+    """
+    unsure = [
+        float(error) if ripple.significant(order) != 0 else min(error, usual_rad(order, steps))
+        for order, error in zip(ripple.orders, ripple.errors_rad, strict=True)
+        if order % steps == 0 or ripple.significant(order) != 0
+    ]
+    return float(np.hypot.reduce(unsure))
 
 
 def _harmonics(

@@ -156,8 +156,7 @@ def ripples_of_sets(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> lis
     found: list[Ripple | None] = []
     for first_row, of_set in zip(_first_rows(orders), orders, strict=True):
         at = slice(first_row, first_row + 2 * len(of_set))
-        # Over the phases that were seen.
-        alike = products[at, at] / waves.shape[1]
+        alike = products[at, at] / waves.shape[1]  # over the phases that were seen
         pairs = expected[at].reshape(-1, 2)
         unsure = float(np.sum(covariance[at, at] * alike))
         # What is unsure of the phase turns into other orders where ripple changes with the phase.

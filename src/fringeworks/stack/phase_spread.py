@@ -54,7 +54,7 @@ def with_spread(ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int) 
         Both, weighted by their variances, where the orders that a response makes, multiples of the
         number of steps, are significant by the spread, and the largest one is the same both ways;
         otherwise the one of the lines. Where the surface is rough, relief at few places looks like
-        ripple along lines, whatever their errors say: there the spread alone counts.
+        ripple along lines, whatever their errors say: where they contradict it, the spread counts.
 
     Notes
     -----
@@ -68,15 +68,14 @@ def with_spread(ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int) 
     if places < MIN_PLACES:
         return ripple
     lines, of_lines = ripple.phasors_rad[response], ripple.errors_rad[response]
-    if ripple.excess > LINES_NOISE_ALONE:
-        of_lines = np.full(len(response), np.inf)
     largest = int(np.argmax(np.abs(seen)))
     off = abs(seen[largest] - lines[largest])
-    if not (
-        abs(seen[largest]) > SIGNIFICANT_AMPLITUDE * errors[largest]
-        and off < ALIKE * np.hypot(errors[largest], of_lines[largest])
-    ):
+    alike = off < ALIKE * np.hypot(errors[largest], of_lines[largest])
+    rough = ripple.excess > LINES_NOISE_ALONE
+    if not (abs(seen[largest]) > SIGNIFICANT_AMPLITUDE * errors[largest] and (alike or rough)):
         return ripple
+    if not alike:
+        of_lines = np.full(len(response), np.inf)
     phasors, all_errors = ripple.phasors_rad.copy(), ripple.errors_rad.copy()
     weights = 1.0 / errors**2, 1.0 / of_lines**2
     phasors[response] = (weights[0] * seen + weights[1] * lines) / sum(weights)

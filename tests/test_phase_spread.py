@@ -1,5 +1,7 @@
 """Ripple of a response from how evenly phases are spread, over relief that hides it along lines."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,11 +15,19 @@ FEW = Ripple(
     ORDERS,
     np.array([0.0, 0.0, -0.30j, 0.04j]),
     np.array([0.03, 0.02, 0.03, 0.02]),
-    20.0,
+    1.0,
     error_rad=0.03,
     places=2,
 )
-"""What lines show at two places."""
+"""What lines show at two places of a smooth surface."""
+ROUGH = replace(
+    FEW,
+    phasors_rad=np.array([0.05, 0.02, 0.09j, 0.01]),
+    errors_rad=np.array([0.06, 0.02, 0.007, 0.005]),
+    excess=300.0,
+    error_rad=0.06,
+)
+"""What they show where the surface is rough: its relief, which few places take for ripple."""
 
 
 def lines(seed, fringes=20.0, ripple=AMPLITUDE, rows=24, length=1200):
@@ -75,3 +85,20 @@ def test_no_response_is_found_where_there_is_none():
     """Relief once made a ripple along lines; the spread contradicts it."""
     for seed in range(40):
         assert with_spread(FEW, *lines(seed, ripple={}), 3) is FEW
+        assert with_spread(ROUGH, *lines(seed, ripple={}), 3) is ROUGH
+
+
+@pytest.mark.parametrize("first", quick([0, 20, 40], 0))
+def test_rough_lines_do_not_hide_what_the_spread_tells(first):
+    """Relief along the lines once contradicted the response, or made it unsure, so that it stayed
+    in the coordinates and out of σ."""
+    every = [with_spread(ROUGH, *lines(seed), 3) for seed in range(first, first + 20)]
+    told = [found for found in every if found.repeated]
+    assert len(told) >= 15
+    assert all(found.sure for found in told)
+    assert max(off(found).max() for found in told) < 3.0
+
+
+def test_smooth_lines_that_contradict_the_spread_count():
+    smooth = replace(ROUGH, excess=1.0)
+    assert all(with_spread(smooth, *lines(seed), 3) is smooth for seed in range(20))

@@ -78,6 +78,18 @@ def test_the_ripples_of_two_sets_do_not_make_another_order():
             assert abs(ripple.significant(3)) == pytest.approx(0.34, abs=0.03)
 
 
+def test_a_response_at_hardly_a_fringe_is_not_taken_for_steps():
+    """The passes at the true phases once ran away: 0.22 rad of two per fringe."""
+
+    def response(phase):
+        return 0.2 * np.sin(3.0 * phase) - 0.02 * np.sin(6.0 * phase)
+
+    x = np.tile(np.linspace(350.0, 680.0, 800), 8)
+    for seed in range(4):
+        for ripple in found(sets((261.12, 348.16), x, ripple=response, seed=seed)):
+            assert ripple.low_rad == 0.0
+
+
 def test_a_part_of_a_fringe_shows_little():
     """A coarse set that is seen over an eighth of its fringe: the phases must not be bent by chance."""
     x = np.linspace(400.0, 515.0, 8000)

@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import TURN
-from fringeworks.stack.ripple import MIN_PLACES, RESPONSE_ORDER, SIGNIFICANT_AMPLITUDE, Ripple
+from fringeworks.stack.ripple import (
+    LINES_NOISE_ALONE,
+    MIN_PLACES,
+    RESPONSE_ORDER,
+    SIGNIFICANT_AMPLITUDE,
+    Ripple,
+    usual_rad,
+)
 from fringeworks.types import BoolMap, FloatMap
 
 PLACES = 12
@@ -46,8 +53,10 @@ def with_spread(ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int) 
     Ripple
         The mean of both, weighted by the inverse of their variances, in the orders that a response
         makes (multiples of the number of steps). The ripple of the lines where the first of these
-        orders is not the largest (a projector's pixel grid makes a higher one), is not significant
-        by the spread, or differs between the two.
+        orders is not the largest (a projector's pixel grid makes a higher one), or is not
+        significant by the spread. Where the two differ, that of the spread if the surface is rough:
+        relief at few places looks like ripple along lines, whatever their errors say. Otherwise
+        that of the lines.
 
     Notes
     -----
@@ -64,14 +73,31 @@ def with_spread(ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int) 
     seen = _phasors(phase_rad[used], orders)
     errors = np.hypot([spread.error(k) for k in orders], SMOOTHED * np.abs(seen))
     lines, of_lines = ripple.phasors_rad[response], ripple.errors_rad[response]
-    off = abs(seen[0] - lines[0])
-    if np.argmax(np.abs(seen)) != 0 or off > ALIKE * np.hypot(errors[0], of_lines[0]):
+    alike = abs(seen[0] - lines[0]) < ALIKE * np.hypot(errors[0], of_lines[0])
+    if np.argmax(np.abs(seen)) != 0 or not (alike or ripple.excess > LINES_NOISE_ALONE):
         return ripple
+    if not alike:
+        of_lines = np.full(len(response), np.inf)
     phasors, all_errors = ripple.phasors_rad.copy(), ripple.errors_rad.copy()
     weights = 1.0 / errors**2, 1.0 / of_lines**2
     phasors[response] = (weights[0] * seen + weights[1] * lines) / sum(weights)
     all_errors[response] = sum(weights) ** -0.5
-    return replace(ripple, phasors_rad=phasors, errors_rad=all_errors, places=spread.places)
+    found = replace(ripple, phasors_rad=phasors, errors_rad=all_errors, places=spread.places)
+    return replace(found, error_rad=_error_rad(found, steps))
+
+
+def _error_rad(ripple: Ripple, steps: int) -> float:
+    """Error of the sum over the orders that count, rms, rad.
+
+    Relief along the lines is in the errors of the other ones, which are left as they are: those of
+    a response may hide as much as it usually makes.
+    """
+    unsure = [
+        float(error) if ripple.significant(order) != 0 else min(error, usual_rad(order, steps))
+        for order, error in zip(ripple.orders, ripple.errors_rad, strict=True)
+        if order % steps == 0 or ripple.significant(order) != 0
+    ]
+    return float(np.hypot.reduce(unsure))
 
 
 @dataclass(frozen=True)

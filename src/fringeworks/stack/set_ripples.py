@@ -19,7 +19,7 @@ from fringeworks.stack.fits import gram, parts_of_orders, times
 from fringeworks.stack.frames import STRETCH
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
-from fringeworks.stack.ripple import RESPONSE_ORDER, Ripple, usual_rad
+from fringeworks.stack.ripple import RESPONSE_ORDER, STEP_RIPPLE_RAD, Ripple, usual_rad
 from fringeworks.stack.set_residuals import Known, set_residuals
 from fringeworks.statistics.quantiles import MAD_TO_SIGMA, median, quantile
 from fringeworks.types import FloatMap
@@ -139,17 +139,7 @@ def ripples_of_sets(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> lis
     waves = _waves(phases.phase_rad, orders)
     kept = _inliers(waves, phases, orders)
     waves, phases = waves[:, kept], phases.at(kept)
-    products = gram(waves)
-    expected, covariance = _expected(waves, products, phases, orders)
-    taken, phase = expected, phases.phase_rad
-    for _ in range(PASSES):
-        phase, before = _true_phases(waves, phases, orders, taken), phase
-        if np.std(phase - before) < SETTLED_RAD:
-            break
-        waves = _waves(phase, orders)
-        products = gram(waves)
-        expected, covariance = _expected(waves, products, phases, orders)
-        taken = 0.5 * (taken + expected)  # whole steps go too far
+    waves, products, expected, covariance = _fitted(waves, phases, orders)
     found: list[Ripple | None] = []
     for first_row, of_set in zip(_first_rows(orders), orders, strict=True):
         at = slice(first_row, first_row + 2 * len(of_set))
@@ -181,6 +171,31 @@ def _inliers(
     left = np.abs(phases.residual_rad - _explained(waves, phases, orders, first))
     limit = OUTLIER_SIGMAS * MAD_TO_SIGMA * np.array([[median(row)] for row in left])
     return np.asarray(np.all(left <= limit, axis=0))
+
+
+def _fitted(
+    waves: FloatMap, phases: SetPhases, orders: Sequence[tuple[int, ...]]
+) -> tuple[FloatMap, FloatMap, FloatMap, FloatMap]:
+    """Waves at the true phases, their products, expected coefficients and covariance.
+
+    Where sets show hardly more than a fringe, orders look alike, and fits may run away from pass to
+    pass. They are those of the first one where orders of steps and gains grow beyond usual ones.
+    """
+    products = gram(waves)
+    first = last = (waves, products, *_expected(waves, products, phases, orders))
+    taken, phase = first[2], phases.phase_rad
+    for _ in range(PASSES):
+        phase, before = _true_phases(last[0], phases, orders, taken), phase
+        if np.std(phase - before) < SETTLED_RAD:
+            break
+        waves = _waves(phase, orders)
+        products = gram(waves)
+        last = (waves, products, *_expected(waves, products, phases, orders))
+        taken = 0.5 * (taken + last[2])  # whole steps go too far
+    low = np.concatenate([np.repeat(of_set, 2) < RESPONSE_ORDER for of_set in orders])
+    sizes = [float(np.sum(one[2][low] ** 2)) for one in (first, last)]
+    usual = 0.5 * np.count_nonzero(low) * STEP_RIPPLE_RAD**2
+    return first if sizes[1] > max(sizes[0], usual) else last
 
 
 def _waves(phase_rad: FloatMap, orders: Sequence[tuple[int, ...]]) -> FloatMap:

@@ -144,6 +144,10 @@ def test_the_text_of_a_step_file():
     assert set(entities[4].records) == {"LENGTH_UNIT", "NAMED_UNIT", "SI_UNIT"}
     with pytest.raises(fw.FileProblem, match="ISO 10303-21"):
         parse_part21("solid a")
+    with pytest.raises(fw.FileProblem, match="quotes in pairs"):
+        parse_part21(text.replace("here'", "here"))
+    # Doubled quotes without an end took exponential time.
+    assert parse_part21("ISO-10303-21; #1=A('" + 3000 * "''" + " #2=B(') #3=C();")
 
 
 def test_the_text_counts_the_faces_as_the_model_does():
@@ -327,18 +331,22 @@ def test_the_deviation_of_named_faces_is_that_of_their_points_only():
 
 
 def test_the_command_takes_faces(tmp_path):
+    """Points of the bore are 0.1 mm inside the material's surface, and those of the ball on it."""
     block()
-    found = measured()
-    fw.write(tmp_path / "part.ply", found)
+    angle = np.linspace(0, 6, 60)
+    ring = np.column_stack((np.cos(angle), np.sin(angle), np.linspace(-2, 2, 60)))
+    bore = np.array([58, 46, 9]) + ring * (5.9, 5.9, 1)
+    ball = fw.files.read_model(DRAWINGS / "block.step").nominal[7]
+    up = np.array(ball.origin_mm) + ball.radius_mm * np.array([0, 0.6, -0.8])
+    fw.write(tmp_path / "part.ply", fw.surface.Points(np.vstack((bore, up[None])), None))
     given = ("deviation", tmp_path / "part.ply", "--model", DRAWINGS / "block.step")
     given += ("--align", "none", "--reach-mm", "1")
-    done = run(*given, "--face", "F11", "--face", "8", "--json", tmp_path / "f.json")
-    rows = json.loads((tmp_path / "f.json").read_text())["faces"]
+    saved, report = tmp_path / "f.json", tmp_path / "r.html"
+    done = run(*given, "--face", "F11", "--face", "8", "--json", saved, "--report", report)
+    rows = json.loads(saved.read_text())["faces"]
     assert [row["number"] for row in rows] == [8, 11]
-    assert "F11" in done.stdout
+    assert [row["mean_mm"] for row in rows] == pytest.approx([0.0, 0.1], abs=1e-5)
     assert "only points of the faces F11, F8" in done.stdout
-    report = tmp_path / "r.html"
-    run(*given, "--face", "F11", "--report", report)
-    assert "F11" in report.read_text()
+    assert "F11, F8" in report.read_text()
     bad = run(*given, "--face", "bore", code=2)
     assert "it has F1, F2, F3" in bad.stderr

@@ -305,8 +305,8 @@ def deviation(
     uncertain = _uncertainty(seen, alignment, placed, near, edge, extrapolates=extrapolates)
     only = tuple(face.title for face in wanted)
     options = {"align": align, "reach_mm": reach_mm, "tolerance_mm": tolerance_mm, "seed": seed}
-    options |= {"faces": only} if only else {}
-    origin = made_by("deviation", options=options, inputs=(source, drawn_source), rig=known)
+    asked = options | ({"faces": only} if only else {})
+    origin = made_by("deviation", options=asked, inputs=(source, drawn_source), rig=known)
     found = _assembled(seen, drawn, alignment, placed, near, uncertain, origin)
     reason = _masked(found.reason, seen.index[left_out])
     face = None if number_of is None else _spread_faces(seen, number_of)

@@ -187,6 +187,9 @@ def _take(drawn: DrawnEntities, one: Entity, kind: str, made: _Made) -> None:
         made.tolerances.append(found)
     except InputError as problem:
         made.left_out.append(Finding("tolerance", f"{title}: {problem}"))
+    except IndexError:
+        few = "an entity that it names has too few parameters"
+        made.left_out.append(Finding("tolerance", f"{title}: {few}"))
 
 
 def _word(kind: str) -> str:

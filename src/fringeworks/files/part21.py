@@ -9,8 +9,9 @@ from fringeworks.types import FileProblem
 
 MOST_ENTITIES = 5_000_000
 """Largest number of entities of a file: far more than drawings have; 2 GB of memory."""
-ENTITY = re.compile(r"#(\d+)\s*=\s*((?:[^;']|'(?:[^']|'')*')*);")
-"""An entity: its number, and what it is, with strings that may hold semicolons."""
+ENTITY = re.compile(r"#(\d+)\s*=\s*((?:[^;']++|'[^']*+')*+);")
+"""An entity: its number, and what it is, with strings that may hold semicolons. A doubled quote
+reads as two strings. Nothing is tried twice: a quote that is missing would take for ever."""
 COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 """A comment."""
 RECORD = re.compile(r"([A-Z][A-Z0-9_]*)\s*\(")
@@ -46,12 +47,16 @@ def parse_part21(text: str) -> dict[int, Entity]:
 
     Raises
     ------
-    FileProblem for a text that is no STEP file, and for one with too many entities.
+    FileProblem for a text that is no STEP file, one with too many entities, and strings without an
+    end, which would hide what follows.
     """
     if "ISO-10303-21" not in text[:1000]:
         raise FileProblem("expected a STEP file (ISO 10303-21), got another text")
     found: dict[int, Entity] = {}
-    for one in ENTITY.finditer(COMMENT.sub("", text)):
+    plain = COMMENT.sub("", text)
+    if plain.count("'") % 2:
+        raise FileProblem("expected quotes in pairs, got a string without an end")
+    for one in ENTITY.finditer(plain):
         if len(found) >= MOST_ENTITIES:
             raise FileProblem(f"expected at most {MOST_ENTITIES:,} entities, got more")
         number = int(one[1])

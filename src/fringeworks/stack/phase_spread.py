@@ -29,12 +29,23 @@ PLACES = 12
 ALIKE = 3.0
 """Largest difference of the two ways of measuring a ripple, in standard deviations."""
 
+SELECTED = 0.25
+"""Amplitude times order that phases missing near limits make, over the share of pixels there. A
+limit amid them leaves out half of the phases at most, which moves the mean by 2/π, and half as much
+on average over its place; evenly from zero to twice that, its standard deviation is a quarter."""
+
+MOST_ALIGNED = 0.5
+"""Largest modulus of the mean of e^{iφ} along lines: a line that crosses one and a half fringes has
+0.2, and one along the fringes has 1. Phases of such lines are no more than the lines are."""
+
 SMOOTHED = 0.02
 """Error of an amplitude, as a share of it, because noise of the phases evens out their spread. In
 simulations of γ = 2.2 it is 0.012 at 0.03 rad of noise."""
 
 
-def with_spread(ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int) -> Ripple:
+def with_spread(
+    ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int, near_limits: float = 0.0
+) -> Ripple:
     """Combine a ripple that lines show at few places with that from the spread of phases.
 
     Parameters
@@ -44,9 +55,11 @@ def with_spread(ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int) 
     phase_rad : (r, l) array
         Wrapped phases along r lines across the fringes, rad.
     used : (r, l) bool array
-        Pixels that are measured whatever their phase: not those that saturate at some phases.
     steps : int
         Number of steps of the set.
+    near_limits : float, 0 … 1
+        Share of these pixels that would not be used at other phases, because a response moves their
+        brightness beyond a limit.
 
     Returns
     -------
@@ -67,7 +80,7 @@ def with_spread(ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int) 
     """
     response = [k for k, order in enumerate(ripple.orders) if order % steps == 0]
     orders = tuple(ripple.orders[k] for k in response)
-    spread = _Spread.of(phase_rad, used, (*range(1, RESPONSE_ORDER), *orders))
+    spread = _Spread.of(phase_rad, used, (*range(1, RESPONSE_ORDER), *orders), near_limits)
     if spread is None or not spread.clear(orders[0]):
         return ripple
     seen = _phasors(phase_rad[used], orders)
@@ -109,9 +122,12 @@ class _Spread:
     scatter_rad: dict[int, float]
     """Its standard deviation, by the scatter over places."""
     places: int
+    near_limits: float
 
     @classmethod
-    def of(cls, phase_rad: FloatMap, used: BoolMap, orders: tuple[int, ...]) -> _Spread | None:
+    def of(
+        cls, phase_rad: FloatMap, used: BoolMap, orders: tuple[int, ...], near_limits: float
+    ) -> _Spread | None:
         """That of some pixels of lines; None where they are at too few places."""
         starts = np.linspace(0, used.shape[1], PLACES, endpoint=False).astype(int)
         counts = np.add.reduceat(used.sum(axis=0), starts)
@@ -119,6 +135,8 @@ class _Spread:
         if places < MIN_PLACES:
             return None
         turned = np.where(used, np.exp(np.complex64(1j) * phase_rad), np.complex64(0.0))
+        if np.abs(np.sum(turned, axis=1)).sum() > MOST_ALIGNED * total:
+            return None  # fringes lie along the lines
         power, sizes, scatter = np.ones_like(turned), {}, {}
         for order in range(1, max(orders) + 1):
             power = power * turned
@@ -129,13 +147,14 @@ class _Spread:
             square = 0.5 * float(np.sum(np.abs(off) ** 2)) * places / (places - 1.0)
             sizes[order] = 2.0 / order * abs(complex(sums.sum())) / total
             scatter[order] = 2.0 / order * square**0.5 / total
-        return cls(sizes, scatter, places)
+        return cls(sizes, scatter, places, near_limits)
 
     def error(self, order: int) -> float:
-        """Standard error of an amplitude, rad: the products of what is uneven in low orders look
-        like ripple of higher ones, too."""
+        """Standard error of an amplitude, rad. The products of what is uneven in low orders look
+        like ripple of higher ones, and so do phases that are missing near limits."""
         uneven = sum(self.sizes_rad[k] ** 2 for k in range(1, RESPONSE_ORDER))
-        return float(np.hypot(self.scatter_rad[order], 0.5 * order * uneven))
+        others = np.hypot(0.5 * order * uneven, SELECTED * self.near_limits / order)
+        return float(np.hypot(self.scatter_rad[order], others))
 
     def clear(self, order: int) -> bool:
         """Whether ripple of an order is seen for certain."""

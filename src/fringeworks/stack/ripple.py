@@ -163,6 +163,13 @@ class Ripple:
         return z if abs(z) > significant_amplitude(freedom) * self.errors_rad[k] else 0.0
 
 
+def unknown_ripple(orders: tuple[int, ...], steps: int) -> Ripple:
+    """Ripple of which no more is known than how large it usually is."""
+    usual = np.array([usual_rad(order, steps) for order in orders])
+    size = float(np.hypot.reduce(usual))
+    return Ripple(orders, np.zeros(len(orders), complex), usual, 1.0, error_rad=size, places=0)
+
+
 def significant_amplitude(freedom: float) -> float:
     """Amplitude, in standard errors, that noise exceeds as rarely as ``SIGNIFICANT_AMPLITUDE``
     where the errors themselves have a few degrees of freedom ν only.

@@ -82,7 +82,8 @@ def test_colours_are_taken_from_their_filters(pattern, bits, kind):
 
 
 def test_other_formats_are_refused():
-    for name in ("RGB8", "Mono9", "Mono8p", "mono8", "BayerXX8"):
+    assert full_scale("RGB8") == 255  # of frames with colours
+    for name in ("RGB9", "RGBa8", "Mono9", "Mono8p", "mono8", "BayerXX8"):
         with pytest.raises(InputError, match="pixel format"):
             full_scale(name)
     with pytest.raises(InputError, match="channel"):

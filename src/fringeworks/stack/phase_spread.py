@@ -134,7 +134,7 @@ class _Spread:
         places, total = int(np.count_nonzero(counts)), int(counts.sum())
         if places < MIN_PLACES:
             return None
-        turned = np.where(used, np.exp(np.complex64(1j) * phase_rad), np.complex64(0.0))
+        turned = np.exp(np.complex64(1j) * np.where(used, phase_rad, np.float32(0.0))) * used
         if np.abs(np.sum(turned, axis=1)).sum() > MOST_ALIGNED * total:
             return None  # fringes lie along the lines
         power, sizes, scatter = np.ones_like(turned), {}, {}

@@ -56,7 +56,7 @@ def test_a_shadow_corrects_the_order_of_the_box_that_casts_it(periods, method):
     # 12 % without the shadow; the rest are edges that filters have smeared.
     assert np.mean(np.abs(error[known]) > 0.75) < 0.02
     assert known.mean() > 0.7
-    assert "whole periods" in [f.kind for f in result.warnings]
+    assert "shadows" in [f.kind for f in result.warnings]
 
 
 @pytest.mark.parametrize("periods", [0.2, 0.35])

@@ -53,14 +53,31 @@ def areas(studio):
     return fw.files.read_recipe(studio.folder / "recipe.toml").areas
 
 
+def becomes(studio, page, name, expected, within=0.0):
+    """The box or polygon of an area, once it is as expected; a busy machine takes seconds."""
+
+    def found():
+        area = areas(studio).get(name)
+        return np.array([np.nan] if area is None else area.box or area.polygon, float)
+
+    for _ in range(100):
+        now = found()
+        if now.shape == np.shape(expected) and np.all(np.abs(now - expected) <= within):
+            break
+        page.wait_for_timeout(100)
+    # What was written is shown before the next step begins.
+    page.wait_for_timeout(900)
+    np.testing.assert_allclose(found(), expected, rtol=0, atol=within)
+
+
 def drag(page, grip, dx, dy):
+    grip.scroll_into_view_if_needed()
     box = grip.bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x + dx, y + dy, steps=5)
     page.mouse.up()
-    page.wait_for_timeout(900)
 
 
 def grip(page, name):
@@ -70,36 +87,31 @@ def grip(page, name):
 def test_handles_change_an_area_on_the_picture(studio, visitor):
     page = visitor.page
     drag(page, grip(page, "face, corner 3"), 25, 10)
-    assert areas(studio)["face"].box == pytest.approx((20, 30, 85, 90), abs=1)
+    becomes(studio, page, "face", (20, 30, 85, 90), 1)
     drag(page, grip(page, "face, corner 2"), -10, 5)
-    assert areas(studio)["face"].box == pytest.approx((20, 35, 75, 90), abs=1)
+    becomes(studio, page, "face", (20, 35, 75, 90), 1)
     drag(page, grip(page, "face, all"), 5, -5)
-    assert areas(studio)["face"].box == pytest.approx((25, 30, 80, 85), abs=2)
+    becomes(studio, page, "face", (25, 30, 80, 85), 2)
     drag(page, grip(page, "rim, corner 3"), 0, 20)
-    np.testing.assert_allclose(areas(studio)["rim"].polygon[2], (90, 80), atol=1)
+    becomes(studio, page, "rim", ((70, 20), (110, 20), (90, 80)), 1)
     # By keys, and undone.
     before = areas(studio)["face"].box
     grip(page, "face, corner 1").focus()
     page.keyboard.press("Shift+ArrowRight")
     page.keyboard.press("ArrowDown")
-    page.wait_for_timeout(1200)
-    assert areas(studio)["face"].box == (before[0] + 10, before[1] + 1, *before[2:])
+    becomes(studio, page, "face", (before[0] + 10, before[1] + 1, *before[2:]))
     page.get_by_role("button", name="Undo: change face").click()
-    page.wait_for_timeout(700)
-    assert areas(studio)["face"].box == before
+    becomes(studio, page, "face", before)
 
 
 def test_numbers_are_typed(studio, visitor):
     page = visitor.page
     page.get_by_label("face: first column").fill("11")
     page.get_by_label("face: first column").press("Enter")
-    page.wait_for_timeout(700)
-    assert areas(studio)["face"].box == (11, 30, 60, 80)
+    becomes(studio, page, "face", (11, 30, 60, 80))
     page.get_by_label("rim: column, row").fill("70, 20; 110, 25.5; 90, 60; 75, 50")
     page.get_by_label("rim: column, row").press("Enter")
-    page.wait_for_timeout(700)
-    assert areas(studio)["rim"].polygon[1] == (110.0, 25.5)
-    assert len(areas(studio)["rim"].polygon) == 4
+    becomes(studio, page, "rim", ((70, 20), (110, 25.5), (90, 60), (75, 50)))
     # What is no area is refused, and nothing changes.
     page.get_by_label("face: first column").fill("90")
     page.get_by_label("face: first column").press("Enter")
@@ -118,9 +130,8 @@ def test_areas_are_dragged_and_drawn_on_the_surface(studio, visitor):
     assert handles.count() == 7
     scale = page.evaluate(f"{VIEWER}.view.spacing")
     drag(page, handles.nth(2), 20 * scale, 0)
+    becomes(studio, page, "face", (20, 30, 80, 80), 2)
     box = areas(studio)["face"].box
-    assert box[:2] == (20, 30)
-    assert box[2] == pytest.approx(80, abs=2)
     # The picture shows the same.
     label = grip(page, "face, corner 3").get_attribute("aria-label")
     assert f"column {box[2]}, row {box[3]}" in label

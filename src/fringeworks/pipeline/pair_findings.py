@@ -282,7 +282,7 @@ def shadow_findings(
     if moved or refused or shadows.open_lines >= MIN_LINES:
         told.append(
             Finding(
-                "whole periods",
+                "shadows",
                 "shadows contradict the steps beside them by whole fringe periods: "
                 f"{100 * moved:.1f} % of the pixels {told_as[0]}, {100 * refused:.1f} % "
                 f"{told_as[1]}, and {shadows.open_lines} lines belong to no separate surface",

@@ -228,6 +228,7 @@ def test_a_rig_is_watched(entered):
 
 
 @pytest.mark.timeout(400)
+@pytest.mark.timeout(400)
 def test_views_are_merged_by_steps(entered):
     """Two scans of one bust lie on each other: their shape says so."""
     visitor = entered("/scan")
@@ -239,7 +240,7 @@ def test_views_are_merged_by_steps(entered):
     page.keyboard.press("Escape")
     page.get_by_text("neighbouring views overlap").click()
     visitor.click("Merge the views")
-    page.wait_for_url("**/look/merged.ply", timeout=120_000)
+    page.wait_for_url("**/look/merged.ply", timeout=220_000)
     assert visitor.surface() > 30_000
     assert not visitor.complaints
     visitor.step("Export")

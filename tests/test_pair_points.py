@@ -115,7 +115,7 @@ def test_what_does_not_belong_together_is_refused(monkeypatch):
     with pytest.raises(InputError, match="expected those along x"):
         measure_pair(one, RIG, reference=replace(found.x, axis="y"), method="fourier")
     # The others are refused before anything is computed.
-    monkeypatch.delattr("fringeworks.pipeline.pair_points.reconstruct")
+    monkeypatch.delattr("fringeworks.pipeline.pair_points.reconstructed")
     with pytest.raises(InputError, match="expected coordinates of the reference plane or a plane"):
         measure_pair(one, RIG)
     small = replace(one, reference=one.reference[:200], object=one.object[:200])

@@ -182,19 +182,43 @@ def shadows_without_step(prepared: PreparedPair, found: DisplacementMap) -> Bool
     u = turn(found.displacement_px)
     away = max(1, round(AWAY * period))
     marked = np.zeros(u.shape, bool)
-    painted = dark_pixels(prepared.reference, prepared.period)
-    for row, dark in enumerate(dark_pixels(prepared.object, prepared.period)):
-        ends = np.flatnonzero(np.diff(np.concatenate(([0], dark, [0]))))
-        for first, last in ends.reshape(-1, 2):  # the last is the first pixel beyond
-            before, beyond = first - away, last - 1 + away
-            if last - first < MIN_SHADOW * period or before < 0 or beyond >= u.shape[1]:
-                continue
-            if painted[row, first:last].mean() > 0.5:
-                continue  # it is as dark on the reference: paint, or a hole
-            more = (last - first - (u[row, beyond] - u[row, before])) / period
-            if abs(more) > 0.5 and abs(more - np.round(more)) < SHADOW_TOLERANCE:
-                marked[row, first:last] = True
+    dark, painted = (
+        dark_pixels(frame, prepared.period) for frame in (prepared.object, prepared.reference)
+    )
+    row, first, last = shadows_along(dark, painted, MIN_SHADOW * period, away)
+    step = u[row, last - 1 + away] - u[row, first - away]
+    more = (last - first - step) / period
+    wide = (np.abs(more) > 0.5) & (np.abs(more - np.round(more)) < SHADOW_TOLERANCE)
+    for line, start, end in zip(row[wide], first[wide], last[wide], strict=True):
+        marked[line, start:end] = True
     return turn(marked)
+
+
+def shadows_along(
+    dark: NDArray[np.int8], painted: NDArray[np.int8], least_px: float, away: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Find the shadows along lines.
+
+    Parameters
+    ----------
+    dark, painted : (r, l) arrays
+        1 where the object, and where the reference, is dark.
+    least_px : float
+        Length of the shortest shadow.
+    away : int
+        Pixels that a line must go on for before and beyond a shadow.
+
+    Returns
+    -------
+    line, first, last : (n,) arrays
+        The last is the first pixel beyond. What is as dark on the reference is paint, or a hole.
+    """
+    ends = np.diff(np.pad(dark, ((0, 0), (1, 1))), axis=1)
+    (line, first), (_, last) = np.nonzero(ends > 0), np.nonzero(ends < 0)
+    sums = np.pad(np.cumsum(painted, axis=1, dtype=np.int32), ((0, 0), (1, 0)))
+    kept = (last - first >= least_px) & (first >= away) & (last - 1 + away < dark.shape[1])
+    kept &= 2 * (sums[line, last] - sums[line, first]) <= last - first
+    return line[kept], first[kept], last[kept]
 
 
 def dark_pixels(frame: FloatMap, period_px: float) -> NDArray[np.int8]:

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fringeworks.pair.order_range import AWAY, SHADOW_TOLERANCE, dark_pixels
+from fringeworks.pair.order_range import AWAY, SHADOW_TOLERANCE, dark_pixels, shadows_along
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.signal.filters import widened
 from fringeworks.types import BoolMap, DisplacementMap, FloatMap, Frozen, Reason, sealed
@@ -147,24 +147,14 @@ def _seen(prepared: PreparedPair, u: FloatMap, period_px: float) -> _Seen:
     def taken(values: np.ndarray) -> np.ndarray:
         return np.asarray(np.take_along_axis(values, rows, axis=0))
 
-    dark = taken(dark_pixels(prepared.object, period_px)) & inside
-    if not dark.any():
-        none = np.zeros((0, 2), np.intp)
-        return _Seen(none, none, np.zeros(0, np.int16))
-    # On lines one after the other: where darkness begins, and the first pixel beyond it.
-    ends = np.diff(np.pad(dark, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    (line, first), (_, last) = np.nonzero(ends > 0), np.nonzero(ends < 0)
+    dark = taken(dark_pixels(prepared.object, period_px)) * inside
     away = max(1, round(AWAY * period_px))
+    painted = taken(dark_pixels(prepared.reference, period_px))
+    line, first, last = shadows_along(dark, painted, MIN_SHADOW * period_px, away)
     before, beyond = first - away, last - 1 + away
-    kept = (last - first >= MIN_SHADOW * period_px) & (before >= 0) & (beyond < w)
-    # As dark on the reference: paint, or a hole.
-    painted = np.cumsum(taken(dark_pixels(prepared.reference, period_px)), axis=1, dtype=np.int32)
-    until = np.pad(painted, ((0, 0), (1, 0)))
-    kept &= 2 * (until[line, last] - until[line, first]) <= last - first
-    line, before, beyond, width = (v[kept] for v in (line, before, beyond, last - first))
     displacement = taken(u)
     step = displacement[line, beyond] - displacement[line, before]
-    periods = (width * (1.0 + slope**2) - step) / period_px
+    periods = ((last - first) * (1.0 + slope**2) - step) / period_px
     sure = np.abs(periods - np.round(periods)) < SHADOW_TOLERANCE  # not where a step is unknown
     line, before, beyond = line[sure], before[sure], beyond[sure]
     return _Seen(

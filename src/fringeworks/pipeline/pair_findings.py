@@ -248,55 +248,52 @@ def _torn(found: DisplacementMap) -> Finding | None:
     )
 
 
-def shadow_findings(
-    shadows: ShadowOrders, torn: int, *, applied: bool = True
-) -> tuple[Finding, ...]:
-    """Return findings about fringe orders that shadows and tears contradict; empty for none.
+def tear_findings(torn: float) -> tuple[Finding, ...]:
+    """Return a finding about the share of pixels that were moved back, because they differed by
+    whole periods from the surface around them; empty for none."""
+    if not torn:
+        return ()
+    return (
+        Finding(
+            "torn surface",
+            f"{100.0 * torn:.1f} % of the pixels differed by whole fringe "
+            "periods from the surface around them, and were moved back",
+            advice="check these regions where the object has steps of whole periods",
+            figures={"moved_share": torn},
+            severity="note",
+        ),
+    )
 
-    Parameters
-    ----------
-    shadows : ShadowOrders
-    torn : int
-        Number of pixels that were moved back, because they differed by whole periods from the
-        surface around them.
-    applied : bool
-        False for a single frame, where a shadow may be dark paint: nothing is moved or removed.
+
+def shadow_findings(shadows: ShadowOrders, *, applied: bool) -> tuple[Finding, ...]:
+    """Return a finding about fringe orders that shadows contradict; empty for none.
+
+    ``applied`` is False for a single frame, where a shadow may be dark paint: nothing is moved or
+    removed.
     """
     moved, refused = float(np.mean(shadows.moved != 0)), float(shadows.refused.mean())
+    if not (moved or refused or shadows.open_lines >= MIN_LINES):
+        return ()
     if applied:
         told_as = "were moved by whole periods", "were removed"
     else:
         told_as = "may be off by whole periods", "may be off by an unknown number of periods"
-    told = []
-    if torn:
-        told.append(
-            Finding(
-                "torn surface",
-                f"{100.0 * torn / shadows.moved.size:.1f} % of the pixels differed by whole fringe "
-                "periods from the surface around them, and were moved back",
-                advice="check these regions where the object has steps of whole periods",
-                figures={"moved_share": torn / shadows.moved.size},
-                severity="note",
-            )
-        )
-    if moved or refused or shadows.open_lines >= MIN_LINES:
-        told.append(
-            Finding(
-                "shadows",
-                "shadows contradict the steps beside them by whole fringe periods: "
-                f"{100 * moved:.1f} % of the pixels {told_as[0]}, {100 * refused:.1f} % "
-                f"{told_as[1]}, and {shadows.open_lines} lines belong to no separate surface",
-                causes=("a step of half a period or more", "dark paint that looks like a shadow"),
-                advice="use fringes of a longer period, or shifted fringes with Gray code, where "
-                "the object has such steps",
-                figures={
-                    "moved_share": moved,
-                    "removed_share": refused,
-                    "open_lines": float(shadows.open_lines),
-                },
-            )
-        )
-    return tuple(told)
+    return (
+        Finding(
+            "shadows",
+            "shadows contradict the steps beside them by whole fringe periods: "
+            f"{100 * moved:.1f} % of the pixels {told_as[0]}, {100 * refused:.1f} % "
+            f"{told_as[1]}, and {shadows.open_lines} lines belong to no separate surface",
+            causes=("a step of half a period or more", "dark paint that looks like a shadow"),
+            advice="use fringes of a longer period, or shifted fringes with Gray code, where "
+            "the object has such steps",
+            figures={
+                "moved_share": moved,
+                "removed_share": refused,
+                "open_lines": float(shadows.open_lines),
+            },
+        ),
+    )
 
 
 def rim_findings(rim: Rim | None, found: DisplacementMap) -> tuple[Finding, ...]:

@@ -24,7 +24,7 @@ from fringeworks.pair.prepared import PreparedPair, prepare
 from fringeworks.pair.registry import MethodOption
 from fringeworks.pair.rim import of_pixels
 from fringeworks.pipeline.inputs import pair_of
-from fringeworks.pipeline.pairs import Reconstruction, Zero, reconstruct
+from fringeworks.pipeline.pairs import Asked, Reconstruction, Zero, reconstructed
 from fringeworks.pipeline.plane_findings import (
     common_order_finding,
     order_findings,
@@ -125,7 +125,8 @@ def measure_pair(
     pattern = _Pattern(plane_sigma_mm, period_px, bright_px, stated=plane is not None)
     started = time.perf_counter()
     chosen: dict[str, Any] = {"response": response, "denoise": denoise, "zero": zero, **options}
-    found = reconstruct(replace(pair, geometry=None), method, geometry=None, **chosen)
+    asked = Asked(None, response, denoise, zero, shadows=depth is None)
+    found = reconstructed(replace(pair, geometry=None), method, asked, options)
     with found_before(found.findings):
         moved, zero_px = of_pixels(found.displacement)
         found = replace(found, displacement=moved)

@@ -23,6 +23,7 @@ from fringeworks.pipeline.pair_findings import (
     pair_findings,
     rim_findings,
     shadow_findings,
+    tear_findings,
 )
 from fringeworks.rig.calibration.planes import (
     PixelCalibration,
@@ -128,6 +129,28 @@ def reconstruct(
     >>> bool(abs(np.nanmax(result.surface.values) - 100) < 3)
     True
     """
+    return reconstructed(
+        pair, method, Asked(geometry, response, denoise, zero, shadows=True), options
+    )
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked for beside the method."""
+
+    geometry: ReferencePlaneGeometry | PixelCalibration | None
+    response: Response | None
+    denoise: Denoiser | None
+    zero: Zero
+    shadows: bool
+    """Whether shadows correct fringe orders; a range of depths knows more."""
+
+
+def reconstructed(
+    pair: Pair | StrPath, method: str, asked: Asked, options: Mapping[str, MethodOption]
+) -> Reconstruction:
+    """As ``reconstruct``."""
+    geometry, response, denoise, zero = asked.geometry, asked.response, asked.denoise, asked.zero
     pair = pair_of(pair)
     if zero not in get_args(Zero):
         raise InputError(f"zero: expected rim or reference, got {zero!r}")
@@ -138,7 +161,7 @@ def reconstruct(
     )
     started = time.perf_counter()
     try:
-        displacement, rim, orders = _displacement(pair, method, response, denoise, zero, options)
+        displacement, rim, orders = _displacement(pair, method, asked, options)
     except InputError as error:
         explained(error, (*as_notes(pair.notes), *frame_findings(pair)))
         raise
@@ -164,16 +187,12 @@ def reconstruct(
 
 
 def _displacement(
-    pair: Pair,
-    method: str,
-    response: Response | None,
-    denoise: Denoiser | None,
-    zero: Zero,
-    options: Mapping[str, MethodOption],
+    pair: Pair, method: str, asked: Asked, options: Mapping[str, MethodOption]
 ) -> tuple[DisplacementMap, Rim | None, tuple[Finding, ...]]:
     """The displacement of a pair's fringes, after the corrections that were asked for, what the rim
     tells of its zero, and findings about fringe orders."""
-    prepared = prepare(pair, response=response)
+    denoise = asked.denoise
+    prepared = prepare(pair, response=asked.response)
     if denoise is not None:
         plain = pair.reference is None  # a computed reference has no noise
         reference = prepared.reference if plain else denoise_frame(prepared.reference, denoise)
@@ -181,11 +200,13 @@ def _displacement(
             prepared, reference=reference, object=denoise_frame(prepared.object, denoise)
         )
     found, torn = without_tears(prepared, analyse(prepared, method, **options))
-    corrected, shadows = by_shadows(prepared, found)
-    if pair.reference is not None:  # only a photograph of the plane tells paint from shadow
-        found = corrected
-    told = shadow_findings(shadows, torn, applied=pair.reference is not None)
-    if zero == "reference" or pair.reference is None or pair.mask is not None:
+    told = tear_findings(torn / found.displacement_px.size)
+    if asked.shadows:
+        corrected, shadows = by_shadows(prepared, found)
+        photographed = pair.reference is not None  # only that tells paint from shadow
+        found = corrected if photographed else found
+        told = (*told, *shadow_findings(shadows, applied=photographed))
+    if asked.zero == "reference" or pair.reference is None or pair.mask is not None:
         return found, None, told
     rim = measure_rim(prepared, found, pair.background)
     return with_unknown_zero(without_movement(found, rim), rim), rim, told

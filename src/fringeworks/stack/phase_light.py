@@ -128,7 +128,7 @@ def _of_light(
     if seen is None:
         return None
     size, error, places = seen
-    total = 1j * (-1.0) ** power * size**power / power
+    total = np.asarray(1j * (-1.0) ** power * size**power / power, np.complex128)
     errors = np.maximum(error * np.abs(size) ** (power - 1), TINY_RAD)
     return Evidence(total - _of_table(table_turns, steps * power), errors, places)
 

@@ -348,15 +348,14 @@ def _with_harmonics(
         return phases, 0.0, []
     removed = bool(phases.table_turns or phases.design)
     unsure = ripple.error_rad if removed or ripple.told else 0.0
-    left = {k: z for k in ripple.orders if (z := ripple.significant(k)) != 0}
-    rms = ripple.rms_rad
-    if not ripple.sure:
-        rms, left = (rms if ripple.told else 0.0), {}
+    clear = ripple.rms_rad > SURE * ripple.error_rad
+    left = {k: z for k in ripple.orders if clear and (z := ripple.significant(k)) != 0}
+    rms = ripple.rms_rad if clear or ripple.told else 0.0
     floor = float(np.sqrt(phases.floor_rad**2 + (RIPPLE_FACTOR * rms) ** 2 + unsure**2))
     # Errors of what was taken out that the sets do not show cancel in the roundings.
     peak = sum(abs(z) for z in left.values())
-    told = rms > max(SURE * ripple.error_rad, words.NOTABLE_RIPPLE_RAD if ripple.told else 0.0)
-    found = [words.ripple(left, phases, axis, rms)] if left and told else []
+    notable = rms > words.NOTABLE_RIPPLE_RAD if ripple.told else bool(left)
+    found = [words.ripple(left, phases, axis, rms)] if left and notable else []
     return replace(phases, floor_rad=floor), float(peak), found
 
 

@@ -246,15 +246,19 @@ def _with_set_ripples(
         ripple, own = found[k], ripples[k]
         if ripple is None:
             continue
-        # The sets hardly show the ripple of the finest one, from which the coordinate is taken.
-        # What few places along lines show counts where the surface itself is smooth.
-        rough = own is not None and own.excess > LINES_NOISE_ALONE
-        told = own is None or rough or k in longer or SURE * ripple.error_rad < own.rms_rad
-        if told and own is not None and own.told and own.error_rad < ripple.error_rad:
-            out[k] = ripple.with_response_of(own, len(decoding.sets[k].frames))
-        elif told:
-            out[k] = ripple
+        if own is not None and k not in longer and _by_lines(own, ripple):
+            continue
+        if own is not None and own.told and own.error_rad < ripple.error_rad:
+            ripple = ripple.with_response_of(own, len(decoding.sets[k].frames))
+        out[k] = ripple
     return out
+
+
+def _by_lines(own: Ripple, of_sets: Ripple) -> bool:
+    """Whether what few places along lines show counts: where the surface itself is smooth, and sets
+    hardly show the ripple, as that of the finest one, from which the coordinate is taken."""
+    smooth = own.places > 0 and own.excess <= LINES_NOISE_ALONE
+    return smooth and own.rms_rad <= SURE * of_sets.error_rad
 
 
 def _without_ripple(phases: PhaseFrames, ripple: Ripple, *, low: bool, high: bool) -> PhaseFrames:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fringeworks.stack.phase_spread import with_spread
+from fringeworks.stack.phase_spread import spread_of, with_spread
 from fringeworks.stack.ripple import Ripple, unknown_ripple
 from tests.grids import quick
 
@@ -49,6 +49,11 @@ def lines(seed, fringes=20.0, ripple=AMPLITUDE, rows=24, length=1200):
     return np.angle(np.exp(1j * measured)).astype(np.float32), lit
 
 
+def told_by(ripple, phase, used, steps, near_limits=0.0):
+    """A ripple with what the spread of the phases tells."""
+    return with_spread(ripple, spread_of(ripple, phase, used, steps, near_limits), steps)
+
+
 def off(found):
     """Errors of the amplitudes of a response, in standard errors."""
     at = [ORDERS.index(k) for k in AMPLITUDE]
@@ -57,7 +62,7 @@ def off(found):
 
 @pytest.mark.parametrize("first", quick([0, 20, 40], 0))
 def test_spread_tells_the_response_within_its_error(first):
-    every = [with_spread(FEW, *lines(seed), 3) for seed in range(first, first + 20)]
+    every = [told_by(FEW, *lines(seed), 3) for seed in range(first, first + 20)]
     told = [found for found in every if found.repeated]
     assert len(told) >= 15
     assert all((found.errors_rad < FEW.errors_rad)[2:].all() for found in told)
@@ -67,7 +72,7 @@ def test_spread_tells_the_response_within_its_error(first):
 
 
 def test_other_orders_stay_those_of_the_lines():
-    found = with_spread(FEW, *lines(0), 3)
+    found = told_by(FEW, *lines(0), 3)
     assert np.array_equal(found.phasors_rad[:2], FEW.phasors_rad[:2])
     assert np.array_equal(found.errors_rad[:2], FEW.errors_rad[:2])
 
@@ -75,7 +80,7 @@ def test_other_orders_stay_those_of_the_lines():
 @pytest.mark.parametrize("fringes", [0.4, 1.3])
 def test_few_fringes_tell_hardly_anything(fringes):
     """They do where each line begins at another phase, so that all phases are seen."""
-    every = [with_spread(FEW, *lines(seed, fringes), 3) for seed in range(40)]
+    every = [told_by(FEW, *lines(seed, fringes), 3) for seed in range(40)]
     told = [found for found in every if found.repeated]
     assert len(told) < 12
     assert all(off(found).max() < 3.0 for found in told)
@@ -84,15 +89,15 @@ def test_few_fringes_tell_hardly_anything(fringes):
 def test_no_response_is_found_where_there_is_none():
     """Relief once made a ripple along lines; the spread contradicts it."""
     for seed in range(40):
-        assert with_spread(FEW, *lines(seed, ripple={}), 3) is FEW
-        assert with_spread(ROUGH, *lines(seed, ripple={}), 3) is ROUGH
+        assert told_by(FEW, *lines(seed, ripple={}), 3) is FEW
+        assert told_by(ROUGH, *lines(seed, ripple={}), 3) is ROUGH
 
 
 @pytest.mark.parametrize("first", quick([0, 20, 40], 0))
 def test_rough_lines_do_not_hide_what_the_spread_tells(first):
     """Relief along the lines once contradicted the response, or made it unsure, so that it stayed
     in the coordinates and out of σ."""
-    every = [with_spread(ROUGH, *lines(seed), 3) for seed in range(first, first + 20)]
+    every = [told_by(ROUGH, *lines(seed), 3) for seed in range(first, first + 20)]
     told = [found for found in every if found.repeated]
     assert len(told) >= 15
     assert np.mean([found.sure for found in told]) > 0.9
@@ -101,12 +106,12 @@ def test_rough_lines_do_not_hide_what_the_spread_tells(first):
 
 def test_smooth_lines_that_contradict_the_spread_count():
     smooth = replace(ROUGH, excess=1.0)
-    assert all(with_spread(smooth, *lines(seed), 3) is smooth for seed in range(20))
+    assert all(told_by(smooth, *lines(seed), 3) is smooth for seed in range(20))
 
 
 def test_spread_serves_where_lines_hold_too_few_whole_fringes():
     unknown = unknown_ripple(ORDERS, 3)
-    found = with_spread(unknown, *lines(1), 3)
+    found = told_by(unknown, *lines(1), 3)
     assert found.repeated
     assert off(found).max() < 3.0
     assert found.significant(1) == 0.0 == found.significant(2)
@@ -117,7 +122,7 @@ def test_lines_along_the_fringes_tell_nothing():
     phase = np.repeat(np.linspace(0.0, 40.0, 24)[:, None], 1200, axis=1)
     phase = np.angle(np.exp(1j * (phase - 0.32 * np.sin(3.0 * phase)))).astype(np.float32)
     unknown = unknown_ripple(ORDERS, 3)
-    assert with_spread(unknown, phase, np.ones(phase.shape, bool), 3) is unknown
+    assert told_by(unknown, phase, np.ones(phase.shape, bool), 3) is unknown
 
 
 def test_phases_that_are_missing_near_limits_are_no_response():
@@ -126,5 +131,5 @@ def test_phases_that_are_missing_near_limits_are_no_response():
     for seed in (1, 2):
         phase, lit = lines(seed, ripple={})
         kept = lit & (np.cos(3.0 * phase) < 0.3)
-        assert with_spread(unknown, phase, kept, 3) is not unknown
-        assert with_spread(unknown, phase, kept, 3, 1.0) is unknown
+        assert told_by(unknown, phase, kept, 3) is not unknown
+        assert told_by(unknown, phase, kept, 3, 1.0) is unknown

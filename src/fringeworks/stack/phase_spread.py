@@ -43,15 +43,29 @@ SMOOTHED = 0.02
 simulations of γ = 2.2 it is 0.012 at 0.03 rad of noise."""
 
 
-def with_spread(
+@dataclass(frozen=True)
+class Evidence:
+    """Ripple in the orders that a response makes: multiples of the number of steps."""
+
+    phasors_rad: NDArray[np.complex128]
+    """As those of a ``Ripple``."""
+    errors_rad: NDArray[np.float64]
+    """Standard error of every amplitude, rad."""
+    places: int
+    """Number of places along the lines that show it."""
+    clear: bool = True
+    """Whether it is seen for certain."""
+
+
+def spread_of(
     ripple: Ripple, phase_rad: FloatMap, used: BoolMap, steps: int, near_limits: float = 0.0
-) -> Ripple:
-    """Combine a ripple that lines show at few places with that from the spread of phases.
+) -> Evidence | None:
+    """Ripple of a response by the spread of the phases.
 
     Parameters
     ----------
     ripple : Ripple
-        As lines show it.
+        Its orders are looked for.
     phase_rad : (r, l) array
         Wrapped phases along r lines across the fringes, rad.
     used : (r, l) bool array
@@ -63,13 +77,7 @@ def with_spread(
 
     Returns
     -------
-    Ripple
-        The mean of both, weighted by the inverse of their variances, in the orders that a response
-        makes (multiples of the number of steps). The ripple of the lines where the first of these
-        orders is not the largest (a projector's pixel grid makes a higher one), or is not
-        significant by the spread. Where the two differ, that of the spread if the surface is rough:
-        relief at few places looks like ripple along lines, whatever their errors say. Otherwise
-        that of the lines.
+    Evidence; None where phases are at too few places, or lines lie along the fringes.
 
     Notes
     -----
@@ -78,25 +86,57 @@ def with_spread(
     places along the lines tells how far they are from an even spread. Lines next to each other
     cross the same surface, and count once. To first order, an amplitude is 2/k of that mean.
     """
-    response = [k for k, order in enumerate(ripple.orders) if order % steps == 0]
-    orders = tuple(ripple.orders[k] for k in response)
+    orders = tuple(order for order in ripple.orders if order % steps == 0)
     spread = _Spread.of(phase_rad, used, (*range(1, RESPONSE_ORDER), *orders), near_limits)
-    if spread is None or not spread.clear(orders[0]):
-        return ripple
+    if spread is None:
+        return None
     seen = _phasors(phase_rad[used], orders)
     errors = np.hypot([spread.error(k) for k in orders], SMOOTHED * np.abs(seen))
+    # A projector's pixel grid makes a higher order, which is then the largest.
+    clear = spread.clear(orders[0]) and int(np.argmax(np.abs(seen))) == 0
+    return Evidence(seen, errors, spread.places, clear)
+
+
+def with_spread(ripple: Ripple, spread: Evidence | None, steps: int) -> Ripple:
+    """Combine a ripple that lines show at few places with that from the spread of phases.
+
+    Parameters
+    ----------
+    ripple : Ripple
+        As lines show it.
+    spread : Evidence, optional
+    steps : int
+        Number of steps of the set.
+
+    Returns
+    -------
+    Ripple
+        The mean of both, weighted by the inverse of their variances, in the orders that a response
+        makes. The ripple of the lines where that of the spread is not clear. Where the two differ,
+        that of the spread if the surface is rough: relief at few places looks like ripple along
+        lines, whatever their errors say. Otherwise that of the lines.
+    """
+    if spread is None or not spread.clear:
+        return ripple
+    response = [k for k, order in enumerate(ripple.orders) if order % steps == 0]
+    seen, errors = spread.phasors_rad, spread.errors_rad
     lines, of_lines = ripple.phasors_rad[response], ripple.errors_rad[response]
     alike = abs(seen[0] - lines[0]) < ALIKE * np.hypot(errors[0], of_lines[0])
-    if np.argmax(np.abs(seen)) != 0 or not (alike or ripple.excess > LINES_NOISE_ALONE):
+    if not (alike or ripple.excess > LINES_NOISE_ALONE):
         return ripple
-    if not alike:
-        of_lines = np.full(len(response), np.inf)
+    sources = [Evidence(lines, of_lines, 0), spread] if alike else [spread]
     phasors, all_errors = ripple.phasors_rad.copy(), ripple.errors_rad.copy()
-    weights = 1.0 / errors**2, 1.0 / of_lines**2
-    phasors[response] = (weights[0] * seen + weights[1] * lines) / sum(weights)
-    all_errors[response] = sum(weights) ** -0.5
+    phasors[response], all_errors[response] = mean_of(sources)
     found = replace(ripple, phasors_rad=phasors, errors_rad=all_errors, places=spread.places)
     return replace(found, error_rad=_error_rad(found, steps))
+
+
+def mean_of(sources: list[Evidence]) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    """The mean of independent evidence, weighted by the inverse of its variances, and its error."""
+    weights = [source.errors_rad**-2.0 for source in sources]
+    total = np.sum(weights, axis=0)
+    pairs = zip(weights, sources, strict=True)
+    return sum(w * source.phasors_rad for w, source in pairs) / total, total**-0.5
 
 
 def _error_rad(ripple: Ripple, steps: int) -> float:

@@ -28,7 +28,7 @@ from fringeworks.stack.neighbours import worth_voting
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.pixel_grid import GridPull, measure_pull
 from fringeworks.stack.real_frames import design_rows
-from fringeworks.stack.ripple import LINES_NOISE_ALONE, Ripple
+from fringeworks.stack.ripple import LINES_NOISE_ALONE, SURE, Ripple
 from fringeworks.stack.ripple_removal import line_ripple, without_ripples
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.set_residuals import Known, phase_variance, set_residuals
@@ -262,6 +262,7 @@ def _with_line_scatter(
     finest = ripples[k]
     if finest is not None and finest.excess > LINES_NOISE_ALONE:
         maps = decode_sample(decoding, lines, known.noise, known.limits.open)
+        bent &= not finest.told  # its brightness tells all harmonics of a response
         finest = _without_blur(decoding, maps, known, k) or finest
         finest = _without_pull(finest, decoding, maps["coordinate"], k)
         if not bent:
@@ -346,15 +347,15 @@ def _with_harmonics(
     if ripple is None:
         return phases, 0.0, []
     removed = bool(phases.table_turns or phases.design)
-    unsure = ripple.error_rad if removed else 0.0
-    left = {k: z for k in ripple.orders if (z := ripple.significant(k)) != 0}
-    rms = ripple.rms_rad
-    if not ripple.sure:
-        rms, left = 0.0, {}
+    unsure = ripple.error_rad if removed or ripple.told else 0.0
+    clear = ripple.rms_rad > SURE * ripple.error_rad
+    left = {k: z for k in ripple.orders if clear and (z := ripple.significant(k)) != 0}
+    rms = ripple.rms_rad if clear or ripple.told else 0.0
     floor = float(np.sqrt(phases.floor_rad**2 + (RIPPLE_FACTOR * rms) ** 2 + unsure**2))
     # Errors of what was taken out that the sets do not show cancel in the roundings.
     peak = sum(abs(z) for z in left.values())
-    found = [words.ripple(left, phases, axis, rms)] if left else []
+    notable = rms > words.NOTABLE_RIPPLE_RAD if ripple.told else bool(left)
+    found = [words.ripple(left, phases, axis, rms)] if left and notable else []
     return replace(phases, floor_rad=floor), float(peak), found
 
 

@@ -7,7 +7,7 @@ times per fringe where the response of projector and camera is not linear (theor
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -91,6 +91,13 @@ known: noise exceeds it in one of 270,000 stacks."""
 SURE = 2.0
 """Errors of a ripple, rms over the phases, that it must exceed to be taken out or to count."""
 
+NEGLIGIBLE_RAD = 0.005
+"""Ripple that is left as a part of σ rather than taken out, rad rms: half the noise of a phase of
+four steps by a camera at its best, of 0.7 counts at a modulation of 50."""
+
+SETTLED = 0.3
+"""The same where the brightness of the fringes tells it as well: less hardly adds to its error."""
+
 
 WINDOWS: _core._Wanted = {
     "fringes": WINDOW_FRINGES,
@@ -127,6 +134,8 @@ class Ripple:
     """The same at pixels of rising brightness A + B, counts; none where all are alike."""
     places: int = MIN_PLACES
     """Number of places along the lines that it was seen at."""
+    told: bool = False
+    """Whether the brightness of the fringes tells that of a response, within its error."""
     freedom: float = float("inf")
     """Degrees of freedom of the errors: two for every place but one."""
 
@@ -144,13 +153,36 @@ class Ripple:
 
     @property
     def repeated(self) -> bool:
-        """Whether it was seen at so many places that it belongs to the fringes, not the surface."""
-        return self.places >= MIN_PLACES
+        """Whether it belongs to the fringes, not the surface: it was seen at many places, or
+        changes their brightness."""
+        return self.told or self.places >= MIN_PLACES
+
+    @property
+    def smooth(self) -> bool:
+        """Whether many places of a smooth surface show it."""
+        return self.places >= MIN_PLACES and self.excess <= LINES_NOISE_ALONE
 
     @property
     def sure(self) -> bool:
         """Whether it is more than its error, over all orders."""
+        if self.told:
+            return self.rms_rad > max(SETTLED * self.error_rad, NEGLIGIBLE_RAD)
         return self.rms_rad > SURE * self.error_rad
+
+    def with_response_of(self, other: Ripple, steps: int) -> Ripple:
+        """The ripple with the orders of a response, and their error, from another one."""
+        ours = np.array([order % steps != 0 for order in self.orders])
+        return replace(
+            self,
+            phasors_rad=np.where(ours, self.phasors_rad, other.phasors_rad),
+            errors_rad=np.where(ours, self.errors_rad, other.errors_rad),
+            error_rad=float(np.hypot.reduce([*self.errors_rad[ours], other.error_rad])),
+            excess=other.excess,
+            noise_rad=other.noise_rad,
+            all_rad=None,
+            by_brightness=(),
+            told=other.told,
+        )
 
     def significant(self, order: int) -> complex:
         """The harmonic of an order; 0 where it is not significant."""

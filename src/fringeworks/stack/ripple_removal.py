@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,10 +13,12 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames, lit_pixels
-from fringeworks.stack.phase_spread import with_spread
+from fringeworks.stack.phase_light import MOST_STEPS, Light, with_light
+from fringeworks.stack.phase_spread import spread_of, with_spread
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import (
     LINES_NOISE_ALONE,
+    MIN_PLACES,
     MOST_USUAL,
     RESPONSE_ORDER,
     SURE,
@@ -32,6 +35,10 @@ from fringeworks.types import BoolMap, FloatMap
 MAX_RIPPLE_NOISE_RAD = 0.2
 """Largest phase noise of a pixel that a ripple is measured from, rad. An empirical choice: noisier
 pixels only add noise."""
+
+LIGHT_PIXELS = 6000
+"""Approximate number of pixels whose brightness tells the response. Noise of 0.1 of the modulation
+leaves 0.002; more only take time."""
 
 REACH = 1.5
 """Factor by which a response changes the brightest sample and the modulation from phase to phase:
@@ -85,7 +92,7 @@ def without_ripples(
     before: list[Ripple | None] = [None] * count
     for left in reversed(range(RIPPLE_PASSES)):
         maps = decode_sample(decoding, lines, known.noise, known.limits.open)
-        ripples = [line_ripple(phases, maps, k, known) for k, phases in enumerate(decoding.sets)]
+        ripples = [_ripple(decoding, maps, lines, k, known) for k in range(count)]
         ripples = _with_set_ripples(decoding, planes, known, ripples)
         size = sum(r.rms_rad**2 for r in ripples if r is not None)
         if size < best[0]:
@@ -117,8 +124,27 @@ def _of_response(ripple: Ripple, steps: int) -> bool:
     return ripple.repeated and ripple.low_rad < high < MOST_USUAL * usual_rad(steps, steps)
 
 
+def _ripple(
+    decoding: Decoding, maps: dict[str, Any], lines: list[NDArray[Any]], k: int, known: Known
+) -> Ripple | None:
+    """Ripple of a set along lines, by the spread of its phases, and by its brightness; None where
+    nothing shows any."""
+    phases = decoding.sets[k]
+    found, steps = line_ripple(phases, maps, k, known), len(phases.frames)
+    if found is None or found.smooth:
+        return found
+    light = _light(decoding, maps, lines, k, known) if steps <= MOST_STEPS else None
+    told = None
+    if light is not None:
+        told = with_light(found, light, steps, _table(phases, maps, k))
+    if told is None:
+        told = found if found.repeated else _with_spread(phases, maps, k, known, found)
+    return told if told.places or told.told else None
+
+
 def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known) -> Ripple | None:
-    """Ripple of a set along lines; None where they hold too few fringes."""
+    """Ripple of a set along lines; None where there is no light, unknown where they hold too few
+    fringes."""
     modulation, background = maps["modulations"][k], maps["background"]
     bright, sigma = _bright(phases, maps, k, known)
     if not bright.any():
@@ -127,14 +153,64 @@ def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known)
     steps = len(phases.frames)
     orders = orders_of(phases)
     found = measure_ripple(turns, bright, sigma, orders, steps) or unknown_ripple(orders, steps)
-    if not found.repeated:
-        peak = REACH * (background + modulation)
-        near = (peak >= known.limits.threshold) | (REACH * sigma > MAX_RIPPLE_NOISE_RAD)
-        share = np.count_nonzero(bright & near) / np.count_nonzero(bright)
-        found = with_spread(found, maps["phases"][k], bright, steps, share)
-    if not found.places:
-        return None
     return replace(found, background_ratio=median(background[bright] / modulation[bright]))
+
+
+def _with_spread(
+    phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known, ripple: Ripple
+) -> Ripple:
+    """The ripple with what the spread of the phases along lines tells of it."""
+    bright, sigma = _bright(phases, maps, k, known)
+    peak = REACH * (maps["background"] + maps["modulations"][k])
+    near = (peak >= known.limits.threshold) | (REACH * sigma > MAX_RIPPLE_NOISE_RAD)
+    share = np.count_nonzero(bright & near) / np.count_nonzero(bright)
+    steps = len(phases.frames)
+    return with_spread(ripple, spread_of(ripple, maps["phases"][k], bright, steps, share), steps)
+
+
+def _light(
+    decoding: Decoding, maps: dict[str, Any], lines: list[NDArray[Any]], k: int, known: Known
+) -> Light | None:
+    """What a set shows along lines beside other frames: those of the Gray code, or else of the
+    other sets; None where there are none."""
+    place = {frame: n for n, frame in enumerate(decoding.frames)}
+    few = max(1, maps["reason"].size // LIGHT_PIXELS)
+
+    def seen(frames: Sequence[int]) -> list[NDArray[Any]]:
+        return [lines[place[frame]][:, ::few] for frame in frames]
+
+    modulations = [modulation[:, ::few] for modulation in maps["modulations"]]
+    if decoding.gray is not None:
+        gray = seen(decoding.gray_frames)
+        dark, brightest = np.min(gray, axis=0), np.max(gray, axis=0).astype(np.float32)
+        modulation, mean = 0.5 * (brightest - dark), 0.5 * (brightest + dark)
+    elif len(decoding.sets) > 1:
+        others = [j for j in range(len(decoding.sets)) if j != k]
+        modulation = np.mean([modulations[j] for j in others], axis=0)
+        mean = np.mean(seen([f for j in others for f in decoding.sets[j].frames]), axis=0)
+        brightest = mean + REACH * modulation
+    else:
+        return None
+    with np.errstate(invalid="ignore", divide="ignore"):  # pixels that are not finite, or dark
+        sigma = np.sqrt(phase_variance(decoding.sets[k], modulation, mean, known.noise))
+        used = lit_pixels(maps)[:, ::few] & (REACH * sigma < MAX_RIPPLE_NOISE_RAD)
+        used &= ~(brightest >= known.limits.threshold)
+        own = np.mean(seen(decoding.sets[k].frames), axis=0)
+        relative = modulations[k] / modulation
+        return Light(maps["phases"][k][:, ::few], used, relative, (own - mean) / modulation)
+
+
+def _table(phases: PhaseFrames, maps: dict[str, Any], k: int) -> NDArray[np.float64]:
+    """The phase errors that a set is without, at usual brightness, turns."""
+    if not phases.table_turns:
+        return np.zeros(TABLE_BINS)
+    tables = np.array(phases.table_turns).reshape(-1, TABLE_BINS)
+    if len(tables) == 1:
+        return np.asarray(tables[0])
+    bright = maps["background"] + maps["modulations"][k]
+    usual = median(bright[np.isfinite(bright)])
+    of_bins = [np.interp(usual, phases.brightness, column) for column in tables.T]
+    return np.asarray(of_bins)
 
 
 def _bright(
@@ -161,7 +237,7 @@ def _with_set_ripples(
     """
     finest = min(phases.period_px for phases in decoding.sets)
     longer = {k for k, s in enumerate(decoding.sets) if s.period_px > LONGER * finest}
-    doubtful = longer | {k for k, r in enumerate(ripples) if r is None or not r.repeated}
+    doubtful = longer | {k for k, r in enumerate(ripples) if r is None or r.places < MIN_PLACES}
     if not doubtful:
         return ripples
     found = set_ripples(decoding, planes, known)
@@ -170,13 +246,19 @@ def _with_set_ripples(
         ripple, own = found[k], ripples[k]
         if ripple is None:
             continue
-        # The sets hardly show the ripple of the finest one, from which the coordinate is taken.
-        # What few places along lines show counts where the surface itself is smooth.
-        rough = own is not None and own.excess > LINES_NOISE_ALONE
-        told = own is None or rough or k in longer or SURE * ripple.error_rad < own.rms_rad
-        if told:
-            out[k] = ripple
+        if own is not None and k not in longer and _by_lines(own, ripple):
+            continue
+        if own is not None and own.told and own.error_rad < ripple.error_rad:
+            ripple = ripple.with_response_of(own, len(decoding.sets[k].frames))
+        out[k] = ripple
     return out
+
+
+def _by_lines(own: Ripple, of_sets: Ripple) -> bool:
+    """Whether what few places along lines show counts: where the surface itself is smooth, and sets
+    hardly show the ripple, as that of the finest one, from which the coordinate is taken."""
+    smooth = own.places > 0 and own.excess <= LINES_NOISE_ALONE
+    return smooth and own.rms_rad <= SURE * of_sets.error_rad
 
 
 def _without_ripple(phases: PhaseFrames, ripple: Ripple, *, low: bool, high: bool) -> PhaseFrames:
@@ -207,6 +289,8 @@ def _without_response(phases: PhaseFrames, ripple: Ripple) -> PhaseFrames:
             order: z[k]
             for k, order in enumerate(ripple.orders)
             if order >= RESPONSE_ORDER and ripple.significant(order) != 0
+            # Steps and light make no other orders, but relief does.
+            if not ripple.told or order % len(phases.frames) == 0
         }
         found.append(table + _error_after(table, response))
     turns = np.concatenate(found)

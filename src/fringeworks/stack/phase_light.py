@@ -1,0 +1,184 @@
+"""Ripple of a response from how the brightness of the fringes changes with their phase.
+
+A response that is not linear adds harmonics to the fringes. In sets of few steps, they move the
+phase, and change the modulation and the background with it, N times per fringe. Surfaces change
+both as well, but not in step with the fringes: whatever the relief, and wherever the fringes lie.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.patterns.order_chain import TURN
+from fringeworks.signal.phase_table import TABLE_BINS
+from fringeworks.stack.fits import gram, parts_of_orders, times
+from fringeworks.stack.phase_spread import ALIKE, PLACES, Evidence, mean_of, spread_of
+from fringeworks.stack.ripple import LINES_NOISE_ALONE, MIN_PLACES, Ripple, usual_rad
+from fringeworks.types import BoolMap, FloatMap
+
+MOST_STEPS = 4
+"""Largest number of steps whose ripple the brightness tells. With five and more, what steps leave
+of a fringe shows the harmonics of usual responses, and their ripple is small."""
+
+NEXT_OF_ODD, NEXT_OF_EVEN = 0.4, 0.2
+"""Standard deviation of the harmonic N + 1 of a response, in units of that of N − 1, or of N if N
+is odd and the harmonic smaller. Of power laws from 0.45 to 2.8, S-shaped and clipped curves, it is
+0.1 to 0.7 for three steps, and 0 to 0.4 for four. A curve that is odd about its middle has no even
+harmonics: they do not limit the odd ones."""
+
+MOST_ALIKE = 1e4
+"""Largest condition number of the regression, beyond which the phases are too alike."""
+
+TINY_RAD = 1e-9
+"""Divides instead of an error of zero, rad."""
+
+
+SPREAD_RAD = 0.005
+"""Error of a ripple by the brightness from which on the spread of the phases is looked at as well,
+rad: its own error is seldom smaller."""
+
+MIN_PIXELS = 1000
+"""Smallest number of pixels that tell a ripple: noise of the modulation of 0.1 leaves 0.005."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """What a set shows at pixels of lines, (r, l), beside what other frames show there."""
+
+    phase_rad: FloatMap
+    """Wrapped phases, rad."""
+    used: BoolMap
+    """Pixels that every phase would show clearly, by the other frames."""
+    modulation: FloatMap
+    """Modulation over that of the other frames: free of what the surface reflects."""
+    mean: FloatMap
+    """Mean of the set's samples less that of the other frames, over their modulation."""
+
+
+def with_light(
+    ripple: Ripple, light: Light, steps: int, table_turns: NDArray[np.float64]
+) -> Ripple | None:
+    """Combine a ripple along lines with that from the brightness of the fringes.
+
+    Parameters
+    ----------
+    ripple : Ripple
+        What is left along lines, unless the surface is smooth: then lines tell it by themselves.
+    light : Light
+        Of a set of at most ``MOST_STEPS`` steps.
+    steps : int
+        Number of steps N.
+    table_turns : (256,) float array
+        Phase errors that the phases are already without, turns.
+
+    Returns
+    -------
+    Ripple, optional
+        The mean of the brightness, the lines and the spread of the phases, weighted by the inverse
+        of their variances, in the orders that a response makes. Without what contradicts the
+        brightness, and without lines that show it at few places only, where relief looks like
+        ripple. None where the brightness tells nothing.
+
+    Notes
+    -----
+    With harmonics c_k of the response, in units of the first one, N steps measure
+    B e^{iφ} (1 + c_{N−1} e^{−iNφ} + c_{N+1} e^{iNφ}): the phase is off by −(c_{N−1} − c_{N+1}) sin
+    Nφ, and the logarithm of the modulation by (c_{N−1} + c_{N+1}) cos Nφ. c_{N+1} is not seen by
+    itself: c_N, which the mean shows, limits it where N is odd. What is expected of a response is
+    what it usually has, and what is seen.
+    """
+    response = [k for k, order in enumerate(ripple.orders) if order % steps == 0]
+    power = np.array([ripple.orders[k] // steps for k in response])
+    seen = _of_light(light, steps, power, table_turns)
+    if seen is None:
+        return None
+    lines = Evidence(ripple.phasors_rad[response], ripple.errors_rad[response], ripple.places)
+    counted = [lines] if ripple.places >= PLACES else []
+    if seen.errors_rad[0] > SPREAD_RAD:
+        spread = spread_of(ripple, light.phase_rad, light.used, steps)
+        counted += [spread] if spread is not None else []
+    few = ripple.places < MIN_PLACES and ripple.excess > LINES_NOISE_ALONE
+    every = np.zeros_like(ripple.phasors_rad) if few else ripple.phasors_rad.copy()
+    every[response], errors = mean_of([seen, *(one for one in counted if _alike(one, seen))])
+    expected = ripple.errors_rad.copy()
+    expected[response] = 0.0  # a response is usual: what is expected of it counts
+    return replace(
+        ripple,
+        phasors_rad=every,
+        errors_rad=expected,
+        error_rad=float(np.hypot.reduce(errors)),
+        told=True,
+    )
+
+
+def _alike(one: Evidence, other: Evidence) -> bool:
+    """Whether two measurements of the lowest order agree."""
+    off = abs(one.phasors_rad[0] - other.phasors_rad[0])
+    return bool(off < ALIKE * np.hypot(one.errors_rad[0], other.errors_rad[0]))
+
+
+def _of_light(
+    light: Light, steps: int, power: NDArray[np.intp], table_turns: NDArray[np.float64]
+) -> Evidence | None:
+    """What is left of the ripple of a response, of N, 2N, … per fringe, by the brightness."""
+    seen = _harmonic(light, steps)
+    if seen is None:
+        return None
+    size, error, places = seen
+    total = np.asarray(1j * (-1.0) ** power * size**power / power, np.complex128)
+    errors = np.maximum(error * np.abs(size) ** (power - 1), TINY_RAD)
+    return Evidence(total - _of_table(table_turns, steps * power), errors, places)
+
+
+def _of_table(table_turns: NDArray[np.float64], orders: NDArray[np.intp]) -> FloatMap:
+    """Phasors of the errors in a table, over the true phases, rad."""
+    corrected = TURN * ((np.arange(TABLE_BINS) + 0.5) / TABLE_BINS - 0.5 - table_turns)
+    phase = TURN * (np.arange(4 * TABLE_BINS) / (4 * TABLE_BINS) - 0.5)
+    error = np.interp(phase, corrected, TURN * table_turns, period=TURN)
+    return np.array([2.0 * np.mean(error * np.exp(1j * k * phase)) for k in orders])
+
+
+def _harmonic(light: Light, steps: int) -> tuple[float, float, int] | None:
+    """Difference of the harmonics N − 1 and N + 1 of the response, its standard error, and the
+    number of places that show it; None where pixels are too few, or their phases too alike."""
+    kept = light.used
+    starts = np.linspace(0, kept.shape[1], PLACES, endpoint=False).astype(int)
+    counts = np.add.reduceat(kept.astype(int), starts, axis=1)
+    places, lines = (int(np.count_nonzero(counts.sum(axis=k))) for k in (0, 1))
+    if counts.sum() < MIN_PIXELS or min(places, lines) < MIN_PLACES:
+        return None
+    orders = (1, 2, steps, 2 * steps)  # the first two come from steps, gains and light that drifts
+    waves = parts_of_orders(np.exp(1j * light.phase_rad[kept].astype(np.float64)), orders)
+    waves = np.concatenate((np.ones((1, waves.shape[1])), waves))
+    products = gram(waves)
+    if np.linalg.cond(products) > MOST_ALIKE:
+        return None
+    modulation = light.modulation[kept].astype(np.float64)
+    seen = np.stack((np.log(modulation), light.mean[kept].astype(np.float64)))
+    seen -= np.median(seen, axis=1, keepdims=True)
+    inverse = np.linalg.inv(products)
+    coefficients = times(seen, waves.T) @ inverse
+    left = seen - times(coefficients, waves)
+    at = 1 + 2 * orders.index(steps)
+    weights = times(inverse[at : at + 2], waves)
+    scores = np.zeros((4, *kept.shape))
+    scores[:, kept] = (left[:, None] * weights).reshape(4, -1)
+    pieces = np.add.reduceat(scores, starts, axis=2)
+    # Neither neighbours along a line nor lines next to each other are independent.
+    variance = sum(
+        np.sum(pieces.sum(axis=axis) ** 2, axis=1) * count / (count - 1.0)
+        for axis, count in ((1, places), (2, lines))
+    )
+    lower, odd, own, _ = coefficients[:, at : at + 2].ravel()
+    upper = NEXT_OF_EVEN * abs(lower)
+    if steps % 2:
+        limit = (abs(own) + variance[2] ** 0.5) / float(np.median(modulation))
+        upper = NEXT_OF_ODD * min(abs(lower), limit)
+    # The brightness of a response is even about its maximum.
+    error = variance[0] + odd**2 + (2.0 * upper) ** 2
+    usual = max(usual_rad(steps, steps), abs(lower)) ** 2
+    share = usual / (usual + error)
+    return float(share * lower), float(share * error) ** 0.5, places

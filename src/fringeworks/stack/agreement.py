@@ -115,6 +115,8 @@ ASTRAY = 0.2
 
 def _finite(counts: NDArray[Any]) -> FloatMap:
     """Counts in single precision, 0 where they are not finite."""
+    if counts.dtype.kind == "u":
+        return counts.astype(np.float32)
     return np.nan_to_num(counts.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
 
 
@@ -430,7 +432,9 @@ class LineEvidence:
 
     def _residual_of(self, phases: PhaseFrames, planes: list[NDArray[Any]]) -> FloatMap:
         flat = [np.ascontiguousarray(p).reshape(1, -1) for p in planes]
-        fit = SampleFit(np.nan_to_num(fit_samples(flat, phases.rows).rows, posinf=0.0))
+        fit = fit_samples(flat, phases.rows)
+        if flat[0].dtype.kind == "f":  # whole numbers are finite
+            fit = SampleFit(np.nan_to_num(fit.rows, posinf=0.0))
         power = 2.0 * fit.variance
         floor = NOISE_RESIDUAL * self.noise.variance(fit.mean) + RELATIVE_RESIDUAL * power
         floor = np.maximum(floor, np.finfo(np.float32).tiny)

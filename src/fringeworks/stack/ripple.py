@@ -214,7 +214,7 @@ def measure_ripple(
     phase, pixels = windows
     length = phase.shape[1]
     sigma = sigma_rad.ravel()[pixels].astype(np.float64)
-    sums = _core.window_sums(phase, _smooth_shapes(length), list(orders))
+    sums = _core.window_sums(phase, smooth_shapes(length), list(orders))
     expected = np.mean(sigma**2, axis=1)
     scatter = sums[2] / length / expected
     kept = scatter <= quantile(scatter, SMOOTH_SHARE)
@@ -251,7 +251,7 @@ def measure_ripple(
 
 
 @lru_cache(maxsize=64)
-def _smooth_shapes(length: int) -> FloatMap:
+def smooth_shapes(length: int) -> FloatMap:
     """Orthonormal polynomials up to the third degree over a window, (4, length)."""
     basis, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, length), 4))
     return np.ascontiguousarray(basis.T)

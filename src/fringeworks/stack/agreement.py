@@ -120,6 +120,11 @@ def _finite(counts: NDArray[Any]) -> FloatMap:
     return np.nan_to_num(counts.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
 
 
+def _log1p(ratio: FloatMap) -> FloatMap:
+    """ln(1 + ratio) to 1e-7, for ratios ≥ 0, in single precision."""
+    return np.asarray(np.log((1.0 + ratio).astype(np.float32)))
+
+
 @lru_cache(maxsize=64)
 def _sharpest(phases: PhaseFrames) -> tuple[float, float]:
     """What sharp lines make without any fault: ripple, rad rms, and squared residuals of the fit,
@@ -440,7 +445,9 @@ class LineEvidence:
         floor = np.maximum(floor, np.finfo(np.float32).tiny)
         free = len(phases.frames) - 3
         square = np.fmax(fit.square - _sharpest(phases)[1] * power, 0.0) / free
-        cost = np.log1p(square / floor) / np.maximum(np.log1p(0.5 * power / floor), 1.0)
+        # Logarithms in single precision take a fraction of the time.
+        most = _log1p(0.5 * power / floor)
+        cost = _log1p(square / floor) / np.maximum(most, np.float32(1.0))
         return np.asarray(np.fmin(cost, 1.0).reshape(self.low.shape)[:, 1:-1])
 
     def _planes(self, order: Order) -> list[list[NDArray[Any]]] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -83,9 +83,11 @@ def without_ripples(
     low, high = (set(range(count)) if steps else set()), set(range(count))
     best: tuple[float, Decoding, list[Ripple | None]] = (float("inf"), decoding, ripples)
     before: list[Ripple | None] = [None] * count
+    measured: dict[int, _Lines] = {}
     for left in reversed(range(RIPPLE_PASSES)):
         maps = decode_sample(decoding, lines, known.noise, known.limits.open)
-        ripples = [line_ripple(phases, maps, k, known) for k, phases in enumerate(decoding.sets)]
+        sets_now = enumerate(decoding.sets)
+        ripples = [line_ripple(phases, maps, k, known, measured) for k, phases in sets_now]
         ripples = _with_set_ripples(decoding, planes, known, ripples)
         size = sum(r.rms_rad**2 for r in ripples if r is not None)
         if size < best[0]:
@@ -117,21 +119,63 @@ def _of_response(ripple: Ripple, steps: int) -> bool:
     return ripple.repeated and ripple.low_rad < high < MOST_USUAL * usual_rad(steps, steps)
 
 
-def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known) -> Ripple | None:
-    """Ripple of a set along lines; None where they hold too few fringes."""
+@dataclass
+class _Lines:
+    """Ripple of a set along lines, and what it was measured from."""
+
+    turns: FloatMap
+    bright: BoolMap
+    sigma: FloatMap
+    ripple: Ripple
+    combined: dict[float, Ripple] = field(default_factory=dict)
+    """The ripple combined with that of the spread of phases, by the share of pixels that limits
+    leave out."""
+
+    @classmethod
+    def of(
+        cls, phases: PhaseFrames, found: tuple[FloatMap, BoolMap, FloatMap], before: _Lines | None
+    ) -> _Lines:
+        """Measure the ripple; that of ``before`` where all it was measured from is the same."""
+        turns, bright, sigma = found
+        if before is not None and all(map(np.array_equal, found, before.measured_from)):
+            return before
+        orders, steps = orders_of(phases), len(phases.frames)
+        measured = measure_ripple(turns, bright, sigma, orders, steps)
+        return cls(turns, bright, sigma, measured or unknown_ripple(orders, steps))
+
+    @property
+    def measured_from(self) -> tuple[FloatMap, BoolMap, FloatMap]:
+        return self.turns, self.bright, self.sigma
+
+
+def line_ripple(
+    phases: PhaseFrames,
+    maps: dict[str, Any],
+    k: int,
+    known: Known,
+    earlier: dict[int, _Lines] | None = None,
+) -> Ripple | None:
+    """Ripple of a set along lines; None where they hold too few fringes.
+
+    ``earlier`` keeps what was measured by set. A pass that changes other sets only does not change
+    it.
+    """
     modulation, background = maps["modulations"][k], maps["background"]
     bright, sigma = _bright(phases, maps, k, known)
     if not bright.any():
         return None
     turns = np.where(bright, maps["phases"][k] / TURN, 0.0)
-    steps = len(phases.frames)
-    orders = orders_of(phases)
-    found = measure_ripple(turns, bright, sigma, orders, steps) or unknown_ripple(orders, steps)
+    kept = {} if earlier is None else earlier
+    lines = _Lines.of(phases, (turns, bright, np.where(bright, sigma, 0.0)), kept.get(k))
+    kept[k], found = lines, lines.ripple
     if not found.repeated:
         peak = REACH * (background + modulation)
         near = (peak >= known.limits.threshold) | (REACH * sigma > MAX_RIPPLE_NOISE_RAD)
         share = np.count_nonzero(bright & near) / np.count_nonzero(bright)
-        found = with_spread(found, maps["phases"][k], bright, steps, share)
+        if share not in lines.combined:
+            steps = len(phases.frames)
+            lines.combined[share] = with_spread(found, maps["phases"][k], bright, steps, share)
+        found = lines.combined[share]
     if not found.places:
         return None
     return replace(found, background_ratio=median(background[bright] / modulation[bright]))

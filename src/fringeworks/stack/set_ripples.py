@@ -137,8 +137,13 @@ def ripples_of_sets(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> lis
     """
     if np.std(phases.residual_rad[: len(orders)], axis=1).max() > MAX_RESIDUAL_RAD:
         return [None] * len(orders)
-    phases = phases.at(_inliers(phases, orders))
-    products, expected, covariance = _fitted(phases, orders)
+    sums = _sums(phases.phase_rad, phases, orders)
+    kept = _inliers(phases, orders, sums)
+    dropped = phases.at(~kept)
+    # Sums over the pixels that are kept, without those that are not.
+    sums = sums - _sums(dropped.phase_rad, dropped, orders)
+    phases = phases.at(kept)
+    products, expected, covariance = _fitted(phases, orders, sums)
     found: list[Ripple | None] = []
     for first_row, of_set in zip(_first_rows(orders), orders, strict=True):
         at = slice(first_row, first_row + 2 * len(of_set))
@@ -162,29 +167,31 @@ def ripples_of_sets(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> lis
     return found
 
 
-def _inliers(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> NDArray[np.bool_]:
+def _inliers(
+    phases: SetPhases, orders: Sequence[tuple[int, ...]], sums: FloatMap
+) -> NDArray[np.bool_]:
     """Pixels whose residuals a first fit explains."""
-    _, first, _ = _expected(phases.phase_rad, phases, orders)
+    _, first, _ = _expected(phases.phase_rad, phases, orders, sums)
     left = np.abs(phases.residual_rad - _explained(phases.phase_rad, phases, orders, first))
     limit = OUTLIER_SIGMAS * MAD_TO_SIGMA * np.array([[median(row)] for row in left])
     return np.asarray(np.all(left <= limit, axis=0))
 
 
 def _fitted(
-    phases: SetPhases, orders: Sequence[tuple[int, ...]]
+    phases: SetPhases, orders: Sequence[tuple[int, ...]], sums: FloatMap
 ) -> tuple[FloatMap, FloatMap, FloatMap]:
     """Products of the waves at the true phases, expected coefficients and covariance.
 
     Where sets show hardly more than a fringe, orders look alike, and fits may run away from pass to
     pass. They are those of the first one where orders of steps and gains grow beyond usual ones.
     """
-    first = last = _expected(phases.phase_rad, phases, orders)
+    first = last = _expected(phases.phase_rad, phases, orders, sums)
     taken, phase = first[1], phases.phase_rad
     for _ in range(PASSES):
         phase, before = _true_phases(phase, phases, orders, taken), phase
         if np.std(phase - before) < SETTLED_RAD:
             break
-        last = _expected(phase, phases, orders)
+        last = _expected(phase, phases, orders, _sums(phase, phases, orders))
         taken = 0.5 * (taken + last[1])  # whole steps go too far
     low = np.concatenate([np.repeat(of_set, 2) < RESPONSE_ORDER for of_set in orders])
     sizes = [float(np.sum(one[1][low] ** 2)) for one in (first, last)]
@@ -227,8 +234,13 @@ def _explained(
     return times(phases.seen()[:, : len(orders)], own)
 
 
+def _sums(phase_rad: FloatMap, phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> FloatMap:
+    """Sums of the products of all pairs of waves of some phases, residuals and ones."""
+    return _core.ripple_sums(_waves(phase_rad, orders), phases.residual_rad)
+
+
 def _expected(
-    phase_rad: FloatMap, phases: SetPhases, orders: Sequence[tuple[int, ...]]
+    phase_rad: FloatMap, phases: SetPhases, orders: Sequence[tuple[int, ...]], sums: FloatMap
 ) -> tuple[FloatMap, FloatMap, FloatMap]:
     """Products of the waves of some phases, their expected coefficients and the covariance of
     these, given the residuals.
@@ -238,7 +250,6 @@ def _expected(
     waves, residual = _waves(phase_rad, orders), phases.residual_rad
     set_of = np.repeat(np.arange(len(orders)), [2 * len(of_set) for of_set in orders])
     count, number = len(set_of), residual.shape[1]
-    sums = _core.ripple_sums(waves, residual)
     products, mean = sums[:count, :count], sums[:-1, -1] / number
     central = sums[:count, :-1] - number * np.outer(mean[:count], mean)
     seen = phases.seen()

@@ -323,7 +323,9 @@ pub fn ripple_sums<'py>(
     values: PyReadonlyArray2<'py, f64>,
 ) -> PyResult<Array2<'py>> {
     let (phase, values) = (image_of(&waves.phase)?, image_of(&values)?);
-    let sums = alone(py, || Ripples::new(phase, &waves.orders)?.sums(values))?;
+    let sums = alone(py, || {
+        Ripples::new(phase, &waves.orders)?.ripple_sums(values)
+    })?;
     let width = sums.len().isqrt();
     rows(py, sums, width)
 }
@@ -336,7 +338,7 @@ pub fn ripple_values<'py>(
 ) -> PyResult<Array2<'py>> {
     let (phase, coefficients) = (image_of(&waves.phase)?, rows_of(&coefficients)?);
     let values = alone(py, || {
-        Ripples::new(phase, &waves.orders)?.values(coefficients)
+        Ripples::new(phase, &waves.orders)?.ripple_values(coefficients)
     })?;
     rows(py, values, phase.width())
 }
@@ -352,7 +354,7 @@ pub fn ripple_scores<'py>(
     let (phase, factors) = (image_of(&waves.phase)?, image_of(&factors)?);
     let (mean, group) = (rows_of(&mean)?, rows_of(&group)?);
     let products = alone(py, || {
-        Ripples::new(phase, &waves.orders)?.scores(factors, mean, group)
+        Ripples::new(phase, &waves.orders)?.ripple_scores(factors, mean, group)
     })?;
     rows(py, products, mean.len())
 }

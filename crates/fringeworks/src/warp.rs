@@ -156,80 +156,59 @@ fn weights(share: f64) -> [f64; 4] {
 /// Coefficients of the splines through the values; those that are not finite count as zero.
 fn coefficients(values: Image<f32>) -> Vec<f32> {
     let (height, width) = values.shape();
-    let strips: Vec<Vec<f32>> = (0..width.div_ceil(LANES))
-        .into_par_iter()
-        .map_init(Vec::new, |lines, strip| {
-            let mut out = vec![0.0; LANES * height];
-            filter_columns(&values, strip * LANES, lines, &mut out);
-            out
-        })
-        .collect();
+    let strips = along_columns(values);
+    // Rows are filtered side by side, in the lanes.
     let mut out = vec![0.0; height * width];
     out.par_chunks_mut(LANES * width)
         .enumerate()
         .for_each_init(Vec::new, |lines, (band, out)| {
-            filter_rows(&strips, (band * LANES, width), lines, out);
+            lines.clear();
+            lines.resize(width, [0.0; LANES]);
+            for (lane, y) in (band * LANES..).take(out.len() / width).enumerate() {
+                for (strip, lines) in strips.iter().zip(lines.chunks_mut(LANES)) {
+                    let row = &strip[y * LANES..];
+                    for (line, &value) in lines.iter_mut().zip(row) {
+                        line[lane] = f64::from(value);
+                    }
+                }
+            }
+            filter(lines);
+            for (lane, row) in out.chunks_exact_mut(width).enumerate() {
+                for (value, line) in row.iter_mut().zip(&*lines) {
+                    *value = line[lane] as f32;
+                }
+            }
         });
     out
 }
 
-/// Filter a strip of columns, as many as lanes, from one on: `out` has a row for each row.
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
-fn filter_columns(
-    values: &Image<f32>,
-    first: usize,
-    lines: &mut Vec<[f64; LANES]>,
-    out: &mut [f32],
-) {
+/// The values filtered along columns: strips of as many columns as lanes, row after row.
+fn along_columns(values: Image<f32>) -> Vec<Vec<f32>> {
     let (height, width) = values.shape();
-    let count = LANES.min(width - first);
-    lines.clear();
-    lines.resize(height, [0.0; LANES]);
-    for (line, row) in lines.iter_mut().zip(values.chunks_exact(width)) {
-        for (lane, &value) in line.iter_mut().zip(&row[first..first + count]) {
-            *lane = if value.is_finite() {
-                f64::from(value)
-            } else {
-                0.0
-            };
-        }
-    }
-    filter(lines);
-    for (out, line) in out.chunks_exact_mut(LANES).zip(&*lines) {
-        for (value, &lane) in out.iter_mut().zip(line) {
-            *value = lane as f32;
-        }
-    }
-}
-
-/// Filter the rows of `out` side by side, in the lanes; its first one is row `first` of the strips.
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
-fn filter_rows(
-    strips: &[Vec<f32>],
-    (first, width): (usize, usize),
-    lines: &mut Vec<[f64; LANES]>,
-    out: &mut [f32],
-) {
-    lines.clear();
-    lines.resize(width, [0.0; LANES]);
-    for (lane, y) in (first..).take(out.len() / width).enumerate() {
-        for (strip, lines) in strips.iter().zip(lines.chunks_mut(LANES)) {
-            let row = &strip[y * LANES..][..LANES];
-            for (line, &value) in lines.iter_mut().zip(row) {
-                line[lane] = f64::from(value);
+    (0..width.div_ceil(LANES))
+        .into_par_iter()
+        .map_init(Vec::new, |lines, strip| {
+            let first = strip * LANES;
+            let count = LANES.min(width - first);
+            lines.clear();
+            lines.resize(height, [0.0; LANES]);
+            for (line, row) in lines.iter_mut().zip(values.chunks_exact(width)) {
+                for (lane, &value) in line.iter_mut().zip(&row[first..first + count]) {
+                    *lane = if value.is_finite() {
+                        f64::from(value)
+                    } else {
+                        0.0
+                    };
+                }
             }
-        }
-    }
-    filter(lines);
-    for (lane, row) in out.chunks_exact_mut(width).enumerate() {
-        for (value, line) in row.iter_mut().zip(&*lines) {
-            *value = line[lane] as f32;
-        }
-    }
+            filter(lines);
+            lines.iter().flatten().map(|&lane| lane as f32).collect()
+        })
+        .collect()
 }
 
 /// Replace samples along the first axis by coefficients, in every lane.
-#[inline(always)]
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn filter(lines: &mut [[f64; LANES]]) {
     let last = lines.len().saturating_sub(1);
     if last == 0 {

@@ -8,7 +8,6 @@ hidden, so that σ covers it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from statistics import NormalDist
 from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
@@ -329,6 +328,9 @@ def most_blur(light: Light, sigma: FloatMap, **fringes: Unpack[Fringes]) -> floa
     share = share[share <= 1.0]
     if share.size < FEWEST_EDGES:
         return float("inf")
+    # Loading this module, for plain frames, would take longer than this function.
+    from statistics import NormalDist
+
     sharpest = min(quantile(share, SHARPEST), SHARPEST_RISE)
     return float(NormalDist().inv_cdf(0.5 * (1.0 + sharpest)) ** -2)
 

@@ -23,6 +23,8 @@ from fringeworks.stack.ripple import (
     pooled,
     smooth_shapes,
 )
+from fringeworks.statistics.groups import equal_groups
+from fringeworks.statistics.quantiles import median
 from fringeworks.types import FloatMap
 
 HARMONICS = 3
@@ -107,7 +109,7 @@ def _of_windows(coordinate: FloatMap, size: int) -> GridPull | None:
     usable = np.isfinite(values).all(axis=1)
     if np.count_nonzero(usable) < MIN_WINDOWS:
         return None
-    return _fitted(values[usable], np.unique(place[usable], return_inverse=True)[1])
+    return _fitted(values[usable], equal_groups(place[usable])[1])
 
 
 def _fitted(values: FloatMap, place: NDArray[np.intp]) -> GridPull:
@@ -122,7 +124,7 @@ def _fitted(values: FloatMap, place: NDArray[np.intp]) -> GridPull:
     smooth = np.ascontiguousarray((phase @ shapes.T @ shapes).reshape(1, -1))
     waves: _core._SetWaves = {"phase": smooth, "orders": [ORDERS]}
     alike = _core.ripple_sums(waves, np.empty((0, values.size)))[np.ix_(sines, sines)] / values.size
-    usual = float(np.median(scatter))
+    usual = median(scatter)
     # Depth steps and relief scatter more, and say less. None says more than the usual one.
     weight = usual / np.maximum(scatter, usual)
     normal, projected = weight[:, None, None] * normal, weight[:, None] * projected

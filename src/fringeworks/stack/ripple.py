@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
+from fringeworks.statistics.groups import equal_groups
 from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import BoolMap, FloatMap
 
@@ -221,7 +222,7 @@ def measure_ripple(
     normal, projected, power = (part[kept] for part in sums)
     # Lines next to each other cross the same surface: windows count once per place along the lines.
     first = pixels[kept, 0] % turns.shape[1]
-    _, place = np.unique(first // max(1, int(np.ptp(pixels[0])) + 1), return_inverse=True)
+    _, place = equal_groups(first // max(1, int(np.ptp(pixels[0])) + 1))
     usual = np.repeat([usual_rad(order, steps) for order in orders], 2)
     known = float(expected.mean()) / usual**2
     coefficients, covariance = pooled(normal, projected, known, place)

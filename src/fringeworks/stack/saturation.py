@@ -190,8 +190,10 @@ def _excesses(decoding: Decoding, sample: Sample, saturation: float) -> FloatMap
     a mere touch.
     """
     fits = [sample.fits.of(phases) for phases in decoding.sets]
-    touching = [np.flatnonzero(fit.largest >= saturation) for fit in fits]
-    pixels = np.unique(np.concatenate([*touching, np.empty(0, np.intp)]))
+    touching = np.zeros(sample.points[0].size, bool)
+    for fit in fits:
+        touching |= fit.largest >= saturation
+    pixels = np.flatnonzero(touching)
     if pixels.size == 0:
         return None
     # The other pixels have no sample at the limit.

@@ -51,11 +51,11 @@ impl<'a> Ripples<'a> {
     ///
     /// let (phase, orders) = ([0.0, 0.0, 0.0], [vec![1]]);
     /// let ripples = Ripples::new(Image::new(&phase, 1, 3)?, &orders)?;
-    /// let sums = ripples.sums(Image::new(&[1.0, 2.0, 3.0], 1, 3)?)?;
+    /// let sums = ripples.ripple_sums(Image::new(&[1.0, 2.0, 3.0], 1, 3)?)?;
     /// assert_eq!(sums[..4], [3.0, 0.0, 6.0, 3.0]);
     /// # Ok::<(), fringeworks::Error>(())
     /// ```
-    pub fn sums(&self, values: Image<f64>) -> Result<Vec<f64>, Error> {
+    pub fn ripple_sums(&self, values: Image<f64>) -> Result<Vec<f64>, Error> {
         check_length("values", values.width(), self.phase.width())?;
         Ok(sums(self, &values))
     }
@@ -67,10 +67,10 @@ impl<'a> Ripples<'a> {
     ///
     /// let (phase, orders) = ([0.0, 0.0], [vec![1, 3]]);
     /// let ripples = Ripples::new(Image::new(&phase, 1, 2)?, &orders)?;
-    /// assert_eq!(ripples.values(&[1.0, 0.0, 0.5, 0.0])?, [1.5, 1.5]);
+    /// assert_eq!(ripples.ripple_values(&[1.0, 0.0, 0.5, 0.0])?, [1.5, 1.5]);
     /// # Ok::<(), fringeworks::Error>(())
     /// ```
-    pub fn values(&self, coefficients: &[f64]) -> Result<Vec<f64>, Error> {
+    pub fn ripple_values(&self, coefficients: &[f64]) -> Result<Vec<f64>, Error> {
         check_length("coefficients", coefficients.len(), self.functions)?;
         Ok(values(self, coefficients))
     }
@@ -86,10 +86,10 @@ impl<'a> Ripples<'a> {
     /// let (phase, orders) = ([0.0, 0.0, 0.0], [vec![1]]);
     /// let ripples = Ripples::new(Image::new(&phase, 1, 3)?, &orders)?;
     /// let factors = Image::new(&[1.0, 2.0, 4.0], 1, 3)?;
-    /// assert_eq!(ripples.scores(factors, &[0.0, 0.0], &[7, 7, 8])?[0], 9.0 + 16.0);
+    /// assert_eq!(ripples.ripple_scores(factors, &[0.0, 0.0], &[7, 7, 8])?[0], 9.0 + 16.0);
     /// # Ok::<(), fringeworks::Error>(())
     /// ```
-    pub fn scores(
+    pub fn ripple_scores(
         &self,
         factors: Image<f64>,
         mean: &[f64],
@@ -277,7 +277,7 @@ mod tests {
         for size in [1, 3, 7, 130, 1000] {
             let group: Vec<i64> = (0..1000).map(|i| i / size).collect();
             let factors = Image::new(&factor, 1, 1000).unwrap();
-            let found = ripples.scores(factors, &[0.1, 0.2], &group).unwrap();
+            let found = ripples.ripple_scores(factors, &[0.1, 0.2], &group).unwrap();
             let (mut wanted, mut start) = ([0.0; 3], 0);
             while start < 1000 {
                 let (mut c, mut s) = (0.0, 0.0);

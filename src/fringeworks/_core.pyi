@@ -504,26 +504,26 @@ def smooth_windows(
     """Unwrapped phases of windows without edges along rows, rad, and indices of their pixels."""
 
 def window_sums(
-    phase: NDArray[np.float64], basis: NDArray[Any], orders: Sequence[int]
+    phase: NDArray[Any], basis: NDArray[Any], orders: Sequence[int]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Sums of the products of the phases' harmonics, (windows, P, P), of these and the phases,
     (windows, P), and of squared phases, without what the rows of ``basis`` explain."""
 
 class _SetWaves(TypedDict):
-    phase: NDArray[np.float64]
+    phase: NDArray[Any]
     orders: Sequence[Sequence[int]]
 
-def ripple_sums(waves: _SetWaves, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def ripple_sums(waves: _SetWaves, values: NDArray[Any]) -> NDArray[np.float64]:
     """Sums of the products of all pairs of rows: cosine and sine of all orders of all sets, rows of
     values, and ones; ``phase`` has a row of rad for every set."""
 
-def ripple_values(waves: _SetWaves, coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
+def ripple_values(waves: _SetWaves, coefficients: NDArray[Any]) -> NDArray[np.float64]:
     """The ripple of every set, (M, n), from the coefficients of its cosines and sines."""
 
 def ripple_scores(
     waves: _SetWaves,
-    factors: NDArray[np.float64],
-    mean: NDArray[np.float64],
+    factors: NDArray[Any],
+    mean: NDArray[Any],
     group: NDArray[np.int64],
 ) -> NDArray[np.float64]:
     """Sums of the products of all pairs of scores. Scores are sums over neighbours of one ``group``

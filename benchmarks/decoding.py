@@ -94,13 +94,37 @@ def against_fringes(counts: tuple[int, ...], limit: float, accuracy: float) -> R
 def decode_hierarchical() -> list[Result]:
     """1, 8 and 64 fringes against the package ``fringes``, and against streaming the bytes."""
     counts = (1, 8, 64)
-    return rows(lambda: against_fringes(counts, 45.0, 0.075), lambda: against_stream(counts))
+    return rows(
+        lambda: against_fringes(counts, 45.0, 0.075),
+        lambda: against_decoder(counts),
+        lambda: against_stream(counts),
+    )
 
 
 @work
 def decode_heterodyne() -> list[Result]:
     """59, 64 and 70 fringes against the package ``fringes``."""
-    return rows(lambda: against_fringes((59, 64, 70), 400.0, 0.040))
+    counts = (59, 64, 70)
+    return rows(lambda: against_fringes(counts, 400.0, 0.040), lambda: against_decoder(counts))
+
+
+def against_decoder(counts: tuple[int, ...]) -> Result:
+    """Decode with the judgement of the stack, and by a Decoder that has judged before."""
+    plan = plan_of(counts)
+    planes = list(noisy(np.array(list(encode(plan))), 2.0))
+    live = Decoder(plan, (HEIGHT, WIDTH), judge_every=10**9)
+    live.decode(planes)
+    earlier = decode(planes, plan)
+    label = "/".join(map(str, counts))
+    return compared(
+        f"decode {label} fringes x {STEPS} steps, judged in the call",
+        "own Decoder, judged before",
+        version("fringeworks"),
+        lambda: decode(planes, plan, out=earlier),
+        lambda: live.decode(planes),
+        limit_ratio=1.0 / 1.4,
+        repeats=21,
+    )
 
 
 def against_stream(counts: tuple[int, ...]) -> Result:

@@ -173,3 +173,57 @@ def test_sums_of_windows(rng, length):
 def test_gram_matrix(rng, shape):
     rows = rng.normal(size=shape)
     np.testing.assert_allclose(_core.gram(rows), oracle.gram(rows), rtol=1e-12, atol=1e-12)
+
+
+SETS = ((1, 2, 3, 4, 8), (1,), (3, 6))
+
+
+@pytest.fixture(params=[1, 127, 128, 129, 1003])
+def waves(request, rng):
+    """Phases of three sets, as the kernels take them."""
+    return {"phase": rng.uniform(-60.0, 60.0, (len(SETS), request.param)), "orders": SETS}
+
+
+@pytest.mark.parametrize("rows", [0, 1, 3])
+def test_sums_of_ripples(rng, waves, rows):
+    values = rng.normal(size=(rows, waves["phase"].shape[1]))
+    wanted = oracle.ripple_sums(**waves, values=values)
+    np.testing.assert_allclose(_core.ripple_sums(waves, values), wanted, rtol=1e-11, atol=1e-11)
+
+
+def test_values_of_ripples(rng, waves):
+    coefficients = rng.normal(size=2 * sum(map(len, SETS)))
+    wanted = oracle.ripple_values(**waves, coefficients=coefficients)
+    np.testing.assert_allclose(_core.ripple_values(waves, coefficients), wanted, atol=1e-11)
+
+
+@pytest.mark.parametrize("size", [1, 5, 128, 200, 5000])
+def test_scores_of_ripples(rng, waves, size):
+    """Groups go on over the blocks of pixels that the kernel computes together."""
+    factors = rng.normal(size=waves["phase"].shape)
+    mean = rng.normal(size=2 * sum(map(len, SETS)))
+    group = np.sort(rng.integers(0, 1 + factors.shape[1] // size, factors.shape[1]))
+    wanted = oracle.ripple_scores(**waves, factors=factors, mean=mean, group=group)
+    found = _core.ripple_scores(waves, factors, mean, group)
+    np.testing.assert_allclose(found, wanted, rtol=1e-10, atol=1e-10)
+
+
+def test_ripples_of_other_sizes_are_refused(waves):
+    count = waves["phase"].shape[1]
+    with pytest.raises(ValueError, match="values"):
+        _core.ripple_sums(waves, np.zeros((1, count + 1)))
+    with pytest.raises(ValueError, match="coefficients"):
+        _core.ripple_values(waves, np.zeros(3))
+    with pytest.raises(ValueError, match="orders"):
+        _core.ripple_values({**waves, "orders": SETS[:2]}, np.zeros(12))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (3, 127), (24, 300)])
+def test_harmonics_of_columns(rng, shape):
+    phase = rng.uniform(-3.2, 3.2, shape).astype(np.float32)
+    used = rng.uniform(size=shape) > 0.3
+    wanted = oracle.column_harmonics(phase, used, (1, 2, 3, 6))
+    phase[~used] = np.nan  # pixels without a phase do not count
+    found = _core.column_harmonics(phase, used, (1, 2, 3, 6))
+    for seen, expected in zip(found, wanted, strict=True):
+        np.testing.assert_allclose(seen, expected, atol=1e-11)

@@ -22,6 +22,7 @@ __all__ = [
     "average_phasor",
     "blur_shift",
     "box_means",
+    "column_harmonics",
     "count_residues",
     "decode_frames",
     "decompose_rows",
@@ -50,6 +51,9 @@ __all__ = [
     "raise_factors",
     "read_grey_png",
     "relocate_surfaces",
+    "ripple_scores",
+    "ripple_sums",
+    "ripple_values",
     "robust_fit",
     "row_envelopes",
     "row_extrema",
@@ -500,10 +504,36 @@ def smooth_windows(
     """Unwrapped phases of windows without edges along rows, rad, and indices of their pixels."""
 
 def window_sums(
-    phase: NDArray[np.float64], basis: NDArray[Any], orders: Sequence[int]
+    phase: NDArray[Any], basis: NDArray[Any], orders: Sequence[int]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Sums of the products of the phases' harmonics, (windows, P, P), of these and the phases,
     (windows, P), and of squared phases, without what the rows of ``basis`` explain."""
+
+class _SetWaves(TypedDict):
+    phase: NDArray[Any]
+    orders: Sequence[Sequence[int]]
+
+def ripple_sums(waves: _SetWaves, values: NDArray[Any]) -> NDArray[np.float64]:
+    """Sums of the products of all pairs of rows: cosine and sine of all orders of all sets, rows of
+    values, and ones; ``phase`` has a row of rad for every set."""
+
+def ripple_values(waves: _SetWaves, coefficients: NDArray[Any]) -> NDArray[np.float64]:
+    """The ripple of every set, (M, n), from the coefficients of its cosines and sines."""
+
+def ripple_scores(
+    waves: _SetWaves,
+    factors: NDArray[Any],
+    mean: NDArray[Any],
+    group: NDArray[np.int64],
+) -> NDArray[np.float64]:
+    """Sums of the products of all pairs of scores. Scores are sums over neighbours of one ``group``
+    of cosines and sines less their ``mean``, times the (M, n) ``factors`` of their set."""
+
+def column_harmonics(
+    phase: NDArray[np.float32], used: NDArray[np.bool_], orders: Sequence[int]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Sums of cosine and sine of the orders of phases over used pixels: a row per wave with that of
+    every column, and two rows for the first order with those of every row of the picture."""
 
 class _PointLimits(TypedDict):
     residual_sigmas: float

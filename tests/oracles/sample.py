@@ -109,3 +109,34 @@ def window_sums(phase, orders):
         np.einsum("wlp,wl->wp", design, errors),
         np.sum(errors**2, axis=1),
     )
+
+
+def set_waves(phase, orders) -> np.ndarray:
+    """Cosine and sine of the orders of every set, a row each; ``phase`` has a row per set."""
+    pairs = zip(phase, orders, strict=True)
+    return np.concatenate([shapes(row, of_set).T for row, of_set in pairs])
+
+
+def ripple_sums(phase, orders, values) -> np.ndarray:
+    """Sums of the products of all pairs of the waves, of the values, and of ones."""
+    return gram(np.vstack((set_waves(phase, orders), values, np.ones((1, phase.shape[1])))))
+
+
+def ripple_values(phase, orders, coefficients) -> np.ndarray:
+    """The ripple of every set."""
+    waves = np.asarray(coefficients)[:, None] * set_waves(phase, orders)
+    ends = np.cumsum([2 * len(of_set) for of_set in orders])[:-1]
+    return np.stack([part.sum(axis=0) for part in np.split(waves, ends)])
+
+
+def ripple_scores(phase, orders, factors, mean, group) -> np.ndarray:
+    """Products of the scores: sums over groups of the waves less their mean times the factors."""
+    own = np.repeat(factors, [2 * len(of_set) for of_set in orders], axis=0)
+    scores = (set_waves(phase, orders) - mean[:, None]) * own
+    return gram(np.stack([scores[:, group == k].sum(axis=1) for k in np.unique(group)], axis=1))
+
+
+def column_harmonics(phase, used, orders) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of the waves of used pixels: by column, and those of the first order by row."""
+    waves = np.moveaxis(shapes(phase.astype(float), orders), -1, 0) * used
+    return waves.sum(axis=1), waves[:2].sum(axis=2)

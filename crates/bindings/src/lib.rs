@@ -57,9 +57,9 @@ mod _core {
     use super::rig::{Triangles, Triangulation};
     #[pymodule_export]
     use super::sample::{
-        fit_samples, fitted_inside, gram, phase_residuals, quantiles, robust_fit,
-        second_magnitudes, similar_groups, smooth_windows, third_chi_squares, trimmed_variance,
-        window_sums,
+        column_harmonics, fit_samples, fitted_inside, gram, phase_residuals, quantiles,
+        ripple_scores, ripple_sums, ripple_values, robust_fit, second_magnitudes, similar_groups,
+        smooth_windows, third_chi_squares, trimmed_variance, window_sums,
     };
 
     #[pymodule_export]

@@ -4,7 +4,9 @@ use crate::decode::{Frames, planes_of, with_planes};
 use crate::filters;
 use crate::rows::{Map, image_of, rows_of};
 use crate::threads::alone;
-use fringeworks::sample::{self, FIT_ROWS, Lines, Model, Real, Reweighting, Usual, Value, Wanted};
+use fringeworks::sample::{
+    self, FIT_ROWS, Lines, Model, Real, Reweighting, Ripples, Usual, Value, Wanted,
+};
 use numpy::ndarray::Array;
 use numpy::{
     Element, IntoPyArray, PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
@@ -303,5 +305,71 @@ pub fn robust_fit<'py>(
         found.scatter,
         rows(py, found.normals, design.height() * design.height())?,
         found.weight.into_pyarray(py),
+    ))
+}
+
+/// Phases of several sets, a row each, and the orders of their ripple.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct SetWaves<'py> {
+    phase: PyReadonlyArray2<'py, f64>,
+    orders: Vec<Vec<usize>>,
+}
+
+#[pyfunction]
+pub fn ripple_sums<'py>(
+    py: Python<'py>,
+    waves: SetWaves<'py>,
+    values: PyReadonlyArray2<'py, f64>,
+) -> PyResult<Array2<'py>> {
+    let (phase, values) = (image_of(&waves.phase)?, image_of(&values)?);
+    let sums = alone(py, || {
+        Ripples::new(phase, &waves.orders)?.ripple_sums(values)
+    })?;
+    let width = sums.len().isqrt();
+    rows(py, sums, width)
+}
+
+#[pyfunction]
+pub fn ripple_values<'py>(
+    py: Python<'py>,
+    waves: SetWaves<'py>,
+    coefficients: PyReadonlyArray1<'py, f64>,
+) -> PyResult<Array2<'py>> {
+    let (phase, coefficients) = (image_of(&waves.phase)?, rows_of(&coefficients)?);
+    let values = alone(py, || {
+        Ripples::new(phase, &waves.orders)?.ripple_values(coefficients)
+    })?;
+    rows(py, values, phase.width())
+}
+
+#[pyfunction]
+pub fn ripple_scores<'py>(
+    py: Python<'py>,
+    waves: SetWaves<'py>,
+    factors: PyReadonlyArray2<'py, f64>,
+    mean: PyReadonlyArray1<'py, f64>,
+    group: PyReadonlyArray1<'py, i64>,
+) -> PyResult<Array2<'py>> {
+    let (phase, factors) = (image_of(&waves.phase)?, image_of(&factors)?);
+    let (mean, group) = (rows_of(&mean)?, rows_of(&group)?);
+    let products = alone(py, || {
+        Ripples::new(phase, &waves.orders)?.ripple_scores(factors, mean, group)
+    })?;
+    rows(py, products, mean.len())
+}
+
+#[pyfunction]
+pub fn column_harmonics<'py>(
+    py: Python<'py>,
+    phase: PyReadonlyArray2<'py, f32>,
+    used: PyReadonlyArray2<'py, bool>,
+    orders: Vec<usize>,
+) -> PyResult<(Array2<'py>, Array2<'py>)> {
+    let (phase, used) = (image_of(&phase)?, image_of(&used)?);
+    let (columns, lines) = alone(py, || sample::column_harmonics(phase, used, &orders))?;
+    Ok((
+        rows(py, columns, phase.width())?,
+        rows(py, lines, phase.height())?,
     ))
 }

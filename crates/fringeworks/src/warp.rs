@@ -47,34 +47,42 @@ pub fn warp_by_flow(values: Image<f32>, flow: &[f32], time: f32) -> Result<Vec<f
     let source = Source {
         coefficients: &coefficients,
         values: &values,
+        finite: values.par_iter().all(|value| value.is_finite()),
         height,
         width,
     };
     out.par_chunks_exact_mut(width)
         .zip(flow.par_chunks_exact(2 * width))
         .enumerate()
-        .for_each(|(y, (out, flow))| {
-            for (x, (value, off)) in out.iter_mut().zip(flow.chunks_exact(2)).enumerate() {
-                if off[0] != 0.0 || off[1] != 0.0 {
-                    let row = y as f64 + f64::from(time * off[1]);
-                    let column = x as f64 + f64::from(time * off[0]);
-                    *value = source.at(row, column);
-                }
-            }
-        });
+        .for_each(|(y, (out, flow))| move_row(&source, y, flow, time, out));
     Ok(out)
+}
+
+/// Take the values of a row from where they were; those without flow stay.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
+fn move_row(source: &Source, y: usize, flow: &[f32], time: f32, out: &mut [f32]) {
+    for (x, (value, off)) in out.iter_mut().zip(flow.chunks_exact(2)).enumerate() {
+        if off[0] != 0.0 || off[1] != 0.0 {
+            let row = y as f64 + f64::from(time * off[1]);
+            let column = x as f64 + f64::from(time * off[0]);
+            *value = source.at(row, column);
+        }
+    }
 }
 
 /// What values are taken from.
 struct Source<'a> {
     coefficients: &'a [f32],
     values: &'a [f32],
+    /// Whether all values are finite.
+    finite: bool,
     height: usize,
     width: usize,
 }
 
 impl Source<'_> {
     /// Value at a place; NaN outside of the map, and next to values that are not finite.
+    #[inline(always)]
     fn at(&self, row: f64, column: f64) -> f32 {
         let inside = row >= 0.0
             && row <= (self.height - 1) as f64
@@ -85,24 +93,31 @@ impl Source<'_> {
         }
         let (y, x) = (row as usize, column as usize);
         let (down, right) = (row - y as f64, column - x as f64);
-        if !self.known((y, down > 0.0), (x, right > 0.0)) {
+        if !(self.finite || self.known((y, down > 0.0), (x, right > 0.0))) {
             return f32::NAN;
         }
         let (vertical, horizontal) = (weights(down), weights(right));
-        let mut sum = 0.0;
+        // Sums over four rows, side by side for four columns.
+        let mut sums = [0.0; 4];
+        let inner = y >= 1 && y + 2 < self.height && x >= 1 && x + 2 < self.width;
+        let first = if inner {
+            (y - 1) * self.width + x - 1
+        } else {
+            0
+        };
         for (k, weight) in vertical.iter().enumerate() {
-            let first = mirrored(y + k, self.height) * self.width;
-            let line = &self.coefficients[first..first + self.width];
-            let part = if (1..self.width.saturating_sub(2)).contains(&x) {
-                let four = &line[x - 1..x + 3];
-                (0..4).map(|i| horizontal[i] * f64::from(four[i])).sum()
+            let four: [f32; 4] = if inner {
+                let line = &self.coefficients[first + k * self.width..][..4];
+                [line[0], line[1], line[2], line[3]]
             } else {
-                let of = |i: usize| f64::from(line[mirrored(x + i, self.width)]);
-                (0..4).map(|i| horizontal[i] * of(i)).sum::<f64>()
+                let line = mirrored(y + k, self.height) * self.width;
+                std::array::from_fn(|i| self.coefficients[line + mirrored(x + i, self.width)])
             };
-            sum += weight * part;
+            for i in 0..4 {
+                sums[i] += weight * f64::from(four[i]);
+            }
         }
-        sum as f32
+        (0..4).map(|i| horizontal[i] * sums[i]).sum::<f64>() as f32
     }
 
     /// Whether the values around a place are finite; the next row and column count where the place
@@ -118,6 +133,7 @@ impl Source<'_> {
 }
 
 /// Index of sample `k − 1` of a mirrored line.
+#[inline(always)]
 fn mirrored(k: usize, length: usize) -> usize {
     let (at, last) = (k.abs_diff(1), length - 1);
     if last == 0 {
@@ -128,6 +144,7 @@ fn mirrored(k: usize, length: usize) -> usize {
 }
 
 /// Weights of the four coefficients around a place, at a share of the way to the third.
+#[inline(always)]
 fn weights(share: f64) -> [f64; 4] {
     let rest = 1.0 - share;
     let first = rest * rest * rest / 6.0;
@@ -263,6 +280,7 @@ mod tests {
             let source = Source {
                 coefficients: &coefficients,
                 values: &values,
+                finite: true,
                 height,
                 width,
             };

@@ -6,7 +6,6 @@ import base64
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +31,14 @@ LENGTHS_MM = ("sigma", "noise", "blur")
 """Fields of points that are lengths; their arrays say so by "_mm"."""
 
 
+def _quoted(text: str) -> str:
+    """Quote an attribute of XML."""
+    # The module loads all of HTTP, and is not needed by files of other kinds.
+    from xml.sax import saxutils
+
+    return saxutils.quoteattr(text)
+
+
 def _array(name: str, values: NDArray[Any], components: int = 1) -> str:
     """One array: base64 of its length in bytes and its numbers, little-endian."""
     kind = values.dtype.kind + str(values.dtype.itemsize)
@@ -39,7 +46,7 @@ def _array(name: str, values: NDArray[Any], components: int = 1) -> str:
     raw = content.tobytes()
     text = base64.b64encode(len(raw).to_bytes(8, "little") + raw).decode("ascii")
     return (
-        f"<DataArray type={quoteattr(NAMES[kind])} Name={quoteattr(name)} "
+        f"<DataArray type={_quoted(NAMES[kind])} Name={_quoted(name)} "
         f'NumberOfComponents="{components}" format="binary">{text}</DataArray>\n'
     )
 
@@ -48,7 +55,7 @@ def _text(name: str, lines: Sequence[str]) -> str:
     """Lines of text as VTK writes them: the numbers of their bytes, each line ended by 0."""
     numbers = " ".join(str(byte) for line in lines for byte in (*line.encode(), 0))
     return (
-        f'<DataArray type="String" Name={quoteattr(name)} NumberOfTuples="{len(lines)}" '
+        f'<DataArray type="String" Name={_quoted(name)} NumberOfTuples="{len(lines)}" '
         f'format="ascii">{numbers}</DataArray>\n'
     )
 

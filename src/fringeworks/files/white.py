@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import FloatMap
 
 WHITE_PERCENTILE = 99.5
@@ -27,7 +28,9 @@ def white_of(colour: FloatMap) -> float | None:
     seen = np.asarray(colour)[:: max(1, len(colour) // WHITE_POINTS) | 1]
     if not np.isfinite(seen).any():
         return None
-    return max(float(np.nanpercentile(seen, WHITE_PERCENTILE)), 1e-9)
+    if seen.dtype.kind != "f":
+        seen = seen.astype(np.float64)
+    return max(quantile(seen[~np.isnan(seen)], WHITE_PERCENTILE / 100.0), 1e-9)
 
 
 def as_numbers(colour: FloatMap, white: float, bits: int) -> NDArray[Any]:

@@ -8,11 +8,9 @@ hidden, so that σ covers it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from statistics import NormalDist
 from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from fringeworks import _core
@@ -320,7 +318,7 @@ def most_blur(light: Light, sigma: FloatMap, **fringes: Unpack[Fringes]) -> floa
     if modulation.shape[1] <= 2 * EDGE_REACH or not known.any():
         return float("inf")
     rise = np.abs(modulation[:, 2:] - modulation[:, :-2])
-    steepest = sliding_window_view(rise, 2 * EDGE_REACH - 1, axis=1).max(axis=-1)
+    steepest = _largest_along(rise, 2 * EDGE_REACH - 1)
     rise = rise[:, EDGE_REACH - 1 : 1 - EDGE_REACH]
     ends = np.stack([modulation[:, 2 * EDGE_REACH :], modulation[:, : -2 * EDGE_REACH]])
     noise = TURN / fringes["period_px"] * median((sigma * modulation)[known])
@@ -330,8 +328,22 @@ def most_blur(light: Light, sigma: FloatMap, **fringes: Unpack[Fringes]) -> floa
     share = share[share <= 1.0]
     if share.size < FEWEST_EDGES:
         return float("inf")
+    # Loading this module, for plain frames, would take longer than this function.
+    from statistics import NormalDist
+
     sharpest = min(quantile(share, SHARPEST), SHARPEST_RISE)
     return float(NormalDist().inv_cdf(0.5 * (1.0 + sharpest)) ** -2)
+
+
+def _largest_along(values: FloatMap, width: int) -> FloatMap:
+    """Largest value of every window of some pixels along rows."""
+    reached, found = 1, values
+    while reached < width:
+        # Of two windows that overlap or touch.
+        step = min(reached, width - reached)
+        found = np.maximum(found[:, :-step], found[:, step:])
+        reached += step
+    return found
 
 
 def most_blur_by_contrast(

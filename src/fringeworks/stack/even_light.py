@@ -13,6 +13,9 @@ from fringeworks.stack.frames import check_frames
 from fringeworks.stack.gray_light import light_of_bits
 from fringeworks.types import FloatMap, InputError
 
+ROWS = 32
+"""Rows of the frames that are added up together: 250 kB of sums for 1920 columns."""
+
 EVEN = 1e-6
 """Largest mean of e^{iδ} over the steps of a set whose fringes cancel in the sum.
 
@@ -55,8 +58,12 @@ def texture(
             )
         return np.asarray(lit, np.float32)
     total: FloatMap = np.zeros(planes[0].shape, np.float32)
-    for k, weight in weights.items():
-        total += planes[k] if weight == 1.0 else np.float32(weight) * planes[k]
+    # Some rows of all frames after one another, so that their sums stay in the processor's cache.
+    for start in range(0, len(total), ROWS):
+        rows = slice(start, start + ROWS)
+        for k, weight in weights.items():
+            part = planes[k][rows]
+            total[rows] += part if weight == 1.0 else np.float32(weight) * part
     return np.asarray(total / sum(weights.values()), np.float32)
 
 

@@ -29,6 +29,7 @@ from fringeworks.stack.fits import (
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.sample import Sample
 from fringeworks.statistics.chi_square import residual_variance
+from fringeworks.statistics.groups import equal_groups
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN, quantile
 from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap
 
@@ -384,7 +385,7 @@ def _solve_partly(
     values = samples_at(planes, chosen)
     # Pixels that lack the same samples share a fit.
     bits = np.int64(1) << np.arange(len(rows), dtype=np.int64)
-    _, first, group = np.unique(bits @ inside, return_index=True, return_inverse=True)
+    first, group = equal_groups(bits @ inside)
     for k, place in enumerate(first):
         kept = inside[:, place]
         design, solver = fit_matrices(rows, tuple(kept.tolist()))

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks import _core
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.stack.ripple import (
     LINES_NOISE_ALONE,
@@ -170,19 +171,17 @@ class _Spread:
     ) -> _Spread | None:
         """That of some pixels of lines; None where they are at too few places."""
         starts = np.linspace(0, used.shape[1], PLACES, endpoint=False).astype(int)
-        counts = np.add.reduceat(used.sum(axis=0), starts)
+        counts = np.add.reduceat(np.count_nonzero(used, axis=0), starts)
         places, total = int(np.count_nonzero(counts)), int(counts.sum())
         if places < MIN_PLACES:
             return None
-        turned = np.exp(np.complex64(1j) * np.where(used, phase_rad, np.float32(0.0))) * used
-        if np.abs(np.sum(turned, axis=1)).sum() > MOST_ALIGNED * total:
+        columns, lines = _core.column_harmonics(np.asarray(phase_rad, np.float32), used, orders)
+        if np.hypot(*lines).sum() > MOST_ALIGNED * total:
             return None  # fringes lie along the lines
-        power, sizes, scatter = np.ones_like(turned), {}, {}
-        for order in range(1, max(orders) + 1):
-            power = power * turned
-            if order not in orders:
-                continue
-            sums = np.add.reduceat(np.sum(power, axis=0, dtype=complex), starts)
+        sizes, scatter = {}, {}
+        waves = np.add.reduceat(columns, starts, axis=1)
+        for order, (cosine, sine) in zip(orders, waves.reshape(-1, 2, PLACES), strict=True):
+            sums = cosine + 1j * sine
             off = sums - counts * sums.sum() / total
             square = 0.5 * float(np.sum(np.abs(off) ** 2)) * places / (places - 1.0)
             sizes[order] = 2.0 / order * abs(complex(sums.sum())) / total

@@ -14,13 +14,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks import _core
 from fringeworks.patterns.order_chain import TURN
-from fringeworks.stack.ripple import MIN_WINDOWS, SIGNIFICANT_AMPLITUDE, TINY, pooled
+from fringeworks.stack.ripple import (
+    MIN_WINDOWS,
+    SIGNIFICANT_AMPLITUDE,
+    TINY,
+    pooled,
+    smooth_shapes,
+)
+from fringeworks.statistics.groups import equal_groups
+from fringeworks.statistics.quantiles import median
 from fringeworks.types import FloatMap
 
 HARMONICS = 3
 """Harmonics of the pull over a projector pixel that are measured. A sawtooth, which sharp pixels
 without gaps make, has 94 % of its rms in them."""
+
+ORDERS = tuple(range(1, HARMONICS + 1))
+"""Their orders, periods per projector pixel."""
 
 SHORT_WINDOW = 48
 """Length of short windows along a line, camera px. A polynomial of third degree follows curved
@@ -97,24 +109,22 @@ def _of_windows(coordinate: FloatMap, size: int) -> GridPull | None:
     usable = np.isfinite(values).all(axis=1)
     if np.count_nonzero(usable) < MIN_WINDOWS:
         return None
-    return _fitted(values[usable], np.unique(place[usable], return_inverse=True)[1])
+    return _fitted(values[usable], equal_groups(place[usable])[1])
 
 
 def _fitted(values: FloatMap, place: NDArray[np.intp]) -> GridPull:
     """Least squares over all windows, each weighted with its own scatter."""
-    shapes, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, values.shape[1]), 4))
-    smooth = values @ shapes @ shapes.T
-    left = values - smooth
+    phase, shapes = TURN * values, smooth_shapes(values.shape[1])
+    sines = np.arange(1, 2 * HARMONICS, 2)
     # The smooth surface tells where on the grid a pixel looks: a pixel's own noise does not.
-    turned = np.exp(1j * TURN * smooth)
-    waves = np.stack([(turned**k).imag for k in range(1, HARMONICS + 1)], axis=1)
+    normal, projected, power = _core.window_sums(phase, shapes, ORDERS)
+    normal, projected = normal[:, sines[:, None], sines], projected[:, sines] / TURN
+    scatter = power / (values.shape[1] * TURN**2)
     # Harmonics that look alike at the places that were seen count together.
-    alike = (waves @ waves.swapaxes(1, 2)).sum(axis=0) / values.size
-    waves -= waves @ shapes @ shapes.T
-    normal = waves @ waves.swapaxes(1, 2)
-    projected = (waves @ left[:, :, None])[:, :, 0]
-    scatter = np.mean(left**2, axis=1)
-    usual = float(np.median(scatter))
+    smooth = np.ascontiguousarray((phase @ shapes.T @ shapes).reshape(1, -1))
+    waves: _core._SetWaves = {"phase": smooth, "orders": [ORDERS]}
+    alike = _core.ripple_sums(waves, np.empty((0, values.size)))[np.ix_(sines, sines)] / values.size
+    usual = median(scatter)
     # Depth steps and relief scatter more, and say less. None says more than the usual one.
     weight = usual / np.maximum(scatter, usual)
     normal, projected = weight[:, None, None] * normal, weight[:, None] * projected

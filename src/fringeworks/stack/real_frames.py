@@ -9,7 +9,7 @@ c and s leaves of four or more frames shows both.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from fringeworks.stack.fits import (
     times,
 )
 from fringeworks.statistics.quantiles import median
-from fringeworks.types import FloatMap
+from fringeworks.types import BoolMap, FloatMap
 
 SIGNIFICANT_DECREASE = 6.0
 """Decrease of the residuals that counts as significant, in standard deviations of its value under
@@ -104,6 +104,39 @@ class FrameFit:
 
 
 @dataclass(frozen=True)
+class _Terms:
+    """What the residuals of a set are regressed on, pixel by pixel."""
+
+    across: FloatMap
+    """(N, N − 3): orthonormal directions that the design does not reach."""
+    parts: FloatMap
+    """(9, n): A, c, s and the harmonics, counts."""
+    residual: FloatMap
+    """(N − 3, n): the samples in these directions, counts."""
+
+    def at(self, kept: BoolMap) -> _Terms:
+        """The same at some of the pixels."""
+        parts = self.parts.compress(kept, axis=1)
+        return replace(self, parts=parts, residual=self.residual.compress(kept, axis=1))
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """Shares that explain the most of the residuals, and the sums that they follow from."""
+
+    shares: FloatMap
+    """(9, N − 3)."""
+    normal: FloatMap
+    """(9, 9)."""
+    projected: FloatMap
+    """(9, N − 3)."""
+    total: float
+    """Sum of the squared residuals before."""
+    square: FloatMap
+    """(n,) squared residuals of every pixel after."""
+
+
+@dataclass(frozen=True)
 class _Regression:
     """Least squares of the residuals of a set over A, c, s and the harmonics."""
 
@@ -113,8 +146,6 @@ class _Regression:
     """(9, N − 3): of A, c, s and the harmonics in these directions."""
     left: tuple[float, float, float]
     """Sums of squared residuals: with all terms, without A, c and s, without the harmonics."""
-    square: FloatMap
-    """(n,) squared residuals of every pixel with all terms."""
     usual_power: float
     """Median of the squared modulations, counts²."""
     aligned: float
@@ -155,9 +186,11 @@ def fit_frames(
     if steps < 4 or pixels.size < 10 * steps:
         return FrameFit()
     values = samples_at(planes, pixels)
-    first = _regression(values, planned, response)
-    values = values[:, first.square <= OUTLIERS * median(first.square)]
-    start = _regression(values, planned, response)
+    terms = _terms(values, planned)
+    square = _solved(terms, response).square
+    kept = square <= OUTLIERS * median(square)
+    values, terms = values.compress(kept, axis=1), terms.at(kept)
+    start = _regression(terms, response)
     noise = start.left[0] / (values.shape[1] * (steps - 3))
     if start.aligned > MAX_ALIGNED or not start.usual_power > SEPARABLE * noise > 0.0:
         return FrameFit()
@@ -176,51 +209,61 @@ def fit_frames(
     if significant(start, start.left[1], 3):
         for _ in range(PASSES):
             design = design + found.across @ found.shares[:3].T
-            found = _regression(values, design, response)
+            found = _regression(_terms(values, design), response)
     moved = significant(found, start.left[1], 3)
-    kept = found if moved else start
-    bent = significant(kept, kept.left[2], len(kept.shares) - 3)
-    harmonics = kept.across @ kept.shares[3:].T
+    best = found if moved else start
+    bent = significant(best, best.left[2], len(best.shares) - 3)
+    harmonics = best.across @ best.shares[3:].T
     return FrameFit(design if moved else None, harmonics if bent else None)
 
 
-def _regression(
-    values: FloatMap, design: NDArray[np.float64], response: NDArray[np.float64] | None
-) -> _Regression:
-    """Regress what a design leaves of (N, n) samples on A, c, s and the harmonics."""
+def _terms(values: FloatMap, design: NDArray[np.float64]) -> _Terms:
+    """What a design makes of (N, n) samples."""
     _, solver = fit_matrices(design_rows(design))
     assert solver is not None
     fitted = times(solver, values)
     parts = np.concatenate((fitted, harmonic_parts(fitted)))
     across = np.linalg.qr(design, mode="complete")[0][:, 3:]
-    residual = times(np.ascontiguousarray(across.T), values)
-    products, terms = gram(np.concatenate((parts, residual))), len(parts)
-    normal, projected = products[:terms, :terms], products[:terms, terms:]
+    return _Terms(across, parts, times(np.ascontiguousarray(across.T), values))
+
+
+def _solved(terms: _Terms, response: NDArray[np.float64] | None) -> _Solved:
+    """Regress what the design leaves of the samples on A, c, s and the harmonics."""
+    parts, residual = terms.parts, terms.residual
+    count = len(parts)
+    products = gram(np.concatenate((parts, residual)))
+    normal = products[:count, :count]
     size = np.sqrt(np.diag(normal))
     if np.linalg.cond(normal / np.outer(size, size)) > MAX_CONDITION:
         # Too little of a fringe to tell harmonics from A, c and s.
         if response is not None:
-            residual = residual - across.T @ response @ parts[3:]
-        parts[3:] = 0.0
+            residual = residual - terms.across.T @ response @ parts[3:]
+        parts = np.concatenate((parts[:3], np.zeros_like(parts[3:])))
         products = gram(np.concatenate((parts, residual)))
-        normal, projected = products[:terms, :terms], products[:terms, terms:]
-    total = float(np.trace(products[terms:, terms:]))
-
-    def left(kept: list[int]) -> float:
-        part = projected[kept]
-        found = np.linalg.lstsq(normal[np.ix_(kept, kept)], part, rcond=None)[0]
-        return max(total - float(np.sum(found * part)), 0.0)
-
+        normal = products[:count, :count]
+    projected = products[:count, count:]
     shares = np.linalg.lstsq(normal, projected, rcond=None)[0]
     square = np.sum((residual - times(np.ascontiguousarray(shares.T), parts)) ** 2, axis=0)
-    every = list(range(terms))
-    power = fitted[1] ** 2 + fitted[2] ** 2
-    phasor = (fitted[1] + 1j * fitted[2]) / np.maximum(np.sqrt(power), np.finfo(float).tiny)
+    total = float(np.trace(products[count:, count:]))
+    return _Solved(shares, normal, projected, total, np.asarray(square))
+
+
+def _regression(terms: _Terms, response: NDArray[np.float64] | None) -> _Regression:
+    """The regression with what it leaves, also without some of the terms."""
+    found = _solved(terms, response)
+
+    def left(kept: slice) -> float:
+        part = found.projected[kept]
+        shares = np.linalg.lstsq(found.normal[kept, kept], part, rcond=None)[0]
+        return max(found.total - float(np.sum(shares * part)), 0.0)
+
+    _, c, s = terms.parts[:3]
+    power = c**2 + s**2
+    phasor = (c + 1j * s) / np.maximum(np.sqrt(power), np.finfo(float).tiny)
     return _Regression(
-        across,
-        shares,
-        (float(np.sum(square)), left(every[3:]), left(every[:3])),
-        np.asarray(square),
+        terms.across,
+        found.shares,
+        (float(np.sum(found.square)), left(slice(3, None)), left(slice(3))),
         median(power),
         float(abs(np.mean(phasor))),
     )

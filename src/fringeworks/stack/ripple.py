@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
+from fringeworks.statistics.groups import equal_groups
 from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import BoolMap, FloatMap
 
@@ -246,14 +247,14 @@ def measure_ripple(
     phase, pixels = windows
     length = phase.shape[1]
     sigma = sigma_rad.ravel()[pixels].astype(np.float64)
-    sums = _core.window_sums(phase, _smooth_shapes(length), list(orders))
+    sums = _core.window_sums(phase, smooth_shapes(length), list(orders))
     expected = np.mean(sigma**2, axis=1)
     scatter = sums[2] / length / expected
     kept = scatter <= quantile(scatter, SMOOTH_SHARE)
     normal, projected, power = (part[kept] for part in sums)
     # Lines next to each other cross the same surface: windows count once per place along the lines.
     first = pixels[kept, 0] % turns.shape[1]
-    _, place = np.unique(first // max(1, int(np.ptp(pixels[0])) + 1), return_inverse=True)
+    _, place = equal_groups(first // max(1, int(np.ptp(pixels[0])) + 1))
     usual = np.repeat([usual_rad(order, steps) for order in orders], 2)
     known = float(expected.mean()) / usual**2
     coefficients, covariance = pooled(normal, projected, known, place)
@@ -283,7 +284,7 @@ def measure_ripple(
 
 
 @lru_cache(maxsize=64)
-def _smooth_shapes(length: int) -> FloatMap:
+def smooth_shapes(length: int) -> FloatMap:
     """Orthonormal polynomials up to the third degree over a window, (4, length)."""
     basis, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, length), 4))
     return np.ascontiguousarray(basis.T)

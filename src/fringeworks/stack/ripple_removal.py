@@ -197,7 +197,8 @@ def _light(
         used &= ~(brightest >= known.limits.threshold)
         own = np.mean(seen(decoding.sets[k].frames), axis=0)
         relative = modulations[k] / modulation
-        return Light(maps["phases"][k][:, ::few], used, relative, (own - mean) / modulation)
+        phase = np.ascontiguousarray(maps["phases"][k][:, ::few])
+        return Light(phase, used, relative, (own - mean) / modulation)
 
 
 def _table(phases: PhaseFrames, maps: dict[str, Any], k: int) -> NDArray[np.float64]:

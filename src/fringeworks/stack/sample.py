@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -53,6 +53,8 @@ class Sample:
     """Whole rows (for fringes along x) or columns (along y), one array per frame of the plan."""
     patch: tuple[FloatMap, ...]
     """(h, w) arrays: connected pixels of some frames, counts."""
+    excesses: dict[Any, FloatMap | None] = field(default_factory=dict, init=False, compare=False)
+    """What ``saturation.exceeds`` found for sets and a saturation: it is asked twice."""
 
     @cached_property
     def fits(self) -> SampleFits:

@@ -70,6 +70,8 @@ def saturation_level(decodings: dict[Axis, Decoding], sample: Sample) -> float |
 def _finite_samples(sample: Sample, frames: list[int]) -> NDArray[Any]:
     """Samples of some frames at the pixels that are finite in all of them, (N, n)."""
     values = np.concatenate([sample.points[k] for k in frames])
+    if values.dtype.kind == "u":
+        return values
     return values[:, np.isfinite(values).all(axis=0)]
 
 
@@ -78,16 +80,27 @@ def _spike(values: NDArray[Any]) -> float | None:
     or of bands where the response bends."""
     if values.size == 0:
         return None
-    level = float(values.max())
-    top = values[values > (1.0 - 4.0 / BANDS) * level].astype(np.float64)
-    single = np.unique(values, return_counts=True)[1][-4:]
-    bands = np.bincount(np.minimum((level - top) * BANDS / max(level, TINY), 3.0).astype(np.intp))
+    levels, counts = _distinct(values)
+    level, single = float(levels[-1]), counts[-4:]
+    top = levels > (1.0 - 4.0 / BANDS) * level
+    places = np.minimum((level - levels[top]) * BANDS / max(level, TINY), 3.0).astype(np.intp)
+    bands = np.bincount(places, weights=counts[top])
     # The next value may be rare by chance: the commonest of three counts.
     # A bent response makes many values in its band, exact repetitions make one.
     for cut, rest in ((single[-1], single[:-1]), (bands[0] - single[-1], bands[1:])):
         if cut >= max(FEWEST_CUT, SPIKE * rest.max(initial=0)):
             return level
     return None
+
+
+def _distinct(values: NDArray[Any]) -> tuple[FloatMap, NDArray[np.intp]]:
+    """The distinct values, rising, and how often each is there."""
+    if values.dtype.kind == "u":  # of 8 or 16 bits: a histogram takes less time than sorting
+        counts = np.bincount(values.ravel())
+        levels = np.flatnonzero(counts)
+        return levels.astype(np.float64), counts[levels]
+    levels, counts = np.unique(values, return_counts=True)
+    return levels.astype(np.float64), counts
 
 
 def _cut_off(decoding: Decoding, sample: Sample, level: float) -> bool:
@@ -157,33 +170,49 @@ def exceeds(decoding: Decoding, sample: Sample, limits: Limits, noise: CameraNoi
     without it; for three steps, it follows from the background of the other sets. Without any
     prediction the answer is True at the largest count of the type, where cameras saturate.
     """
-    fits = [sample.fits.of(phases) for phases in decoding.sets]
-    touching = [np.flatnonzero(fit.largest >= limits.saturation) for fit in fits]
-    pixels = np.unique(np.concatenate([*touching, np.empty(0, np.intp)]))
-    if pixels.size == 0:
+    key = (tuple((s.frames, s.rows, s.line_px) for s in decoding.sets), limits.saturation)
+    if key not in sample.excesses:
+        sample.excesses[key] = _excesses(decoding, sample, limits.saturation)
+    tested = sample.excesses[key]
+    if tested is None:
         return False
-    # The other pixels have no sample at the limit.
-    values = [samples_at(sample.fits.planes(phases), pixels) for phases in decoding.sets]
-    clear = np.stack([(data < limits.saturation).all(axis=0) for data in values])
-    means = np.stack([fit.mean[pixels] for fit in fits])
-    excesses: list[FloatMap] = []
-    for data, phases in zip(values, decoding.sets, strict=True):
-        at = data >= limits.saturation
-        many = np.count_nonzero(at.sum(axis=0) > max(1, len(data) // 4))
-        if phases.line_px is not None:
-            many = np.count_nonzero(at.any(axis=0))  # other samples do not predict a line's
-        if many > RARE * sample.points[0].size:
-            return True  # too many samples of a set at the limit: it cannot be a mere touch
-        if len(data) == 3:
-            excesses.append(_excess_of_three(data, at, clear, means, limits.saturation))
-        else:
-            excesses += _excess_of_more(data, at, phases.rows, limits.saturation)
-    tested = np.concatenate(excesses) if excesses else np.empty(0)
     if tested.size == 0:
         counts = sample.points[0].dtype
         return counts.kind == "u" and limits.saturation >= np.iinfo(counts).max
     sigma = np.sqrt(noise.variance(limits.saturation))
     return bool(np.mean(tested > EXCEEDED_SIGMAS * sigma) > RARE)
+
+
+def _excesses(decoding: Decoding, sample: Sample, saturation: float) -> FloatMap | None:
+    """Predicted excess of the samples at a saturation, counts, scaled to the noise of a sample.
+
+    None where no sample reaches it; a single infinite value where too many samples of a set do for
+    a mere touch.
+    """
+    fits = [sample.fits.of(phases) for phases in decoding.sets]
+    touching = np.zeros(sample.points[0].size, bool)
+    for fit in fits:
+        touching |= fit.largest >= saturation
+    pixels = np.flatnonzero(touching)
+    if pixels.size == 0:
+        return None
+    # The other pixels have no sample at the limit.
+    values = [samples_at(sample.fits.planes(phases), pixels) for phases in decoding.sets]
+    clear = np.stack([(data < saturation).all(axis=0) for data in values])
+    means = np.stack([fit.mean[pixels] for fit in fits])
+    excesses: list[FloatMap] = []
+    for data, phases in zip(values, decoding.sets, strict=True):
+        at = data >= saturation
+        many = np.count_nonzero(at.sum(axis=0) > max(1, len(data) // 4))
+        if phases.line_px is not None:
+            many = np.count_nonzero(at.any(axis=0))  # other samples do not predict a line's
+        if many > RARE * sample.points[0].size:
+            return np.array([np.inf])
+        if len(data) == 3:
+            excesses.append(_excess_of_three(data, at, clear, means, saturation))
+        else:
+            excesses += _excess_of_more(data, at, phases.rows, saturation)
+    return np.concatenate(excesses) if excesses else np.empty(0)
 
 
 def _bent_above(

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks import _core
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.stack.decoded_sample import decode_by_gray_code
-from fringeworks.stack.fits import gram, parts_of_orders, times
+from fringeworks.stack.fits import times
 from fringeworks.stack.frames import STRETCH
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
@@ -76,8 +77,8 @@ class SetPhases:
         """The same at some of the pixels."""
         return replace(
             self,
-            phase_rad=self.phase_rad[:, kept],
-            residual_rad=self.residual_rad[:, kept],
+            phase_rad=self.phase_rad.compress(kept, axis=1),
+            residual_rad=self.residual_rad.compress(kept, axis=1),
             group=self.group[kept],
         )
 
@@ -136,14 +137,17 @@ def ripples_of_sets(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> lis
     """
     if np.std(phases.residual_rad[: len(orders)], axis=1).max() > MAX_RESIDUAL_RAD:
         return [None] * len(orders)
-    waves = _waves(phases.phase_rad, orders)
-    kept = _inliers(waves, phases, orders)
-    waves, phases = waves[:, kept], phases.at(kept)
-    waves, products, expected, covariance = _fitted(waves, phases, orders)
+    sums = _sums(phases.phase_rad, phases, orders)
+    kept = _inliers(phases, orders, sums)
+    dropped = phases.at(~kept)
+    # Sums over the pixels that are kept, without those that are not.
+    sums = sums - _sums(dropped.phase_rad, dropped, orders)
+    phases = phases.at(kept)
+    products, expected, covariance = _fitted(phases, orders, sums)
     found: list[Ripple | None] = []
     for first_row, of_set in zip(_first_rows(orders), orders, strict=True):
         at = slice(first_row, first_row + 2 * len(of_set))
-        alike = products[at, at] / waves.shape[1]  # over the phases that were seen
+        alike = products[at, at] / phases.group.size  # over the phases that were seen
         pairs = expected[at].reshape(-1, 2)
         unsure = float(np.sum(covariance[at, at] * alike))
         # What is unsure of the phase turns into other orders where ripple changes with the phase.
@@ -164,53 +168,52 @@ def ripples_of_sets(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> lis
 
 
 def _inliers(
-    waves: FloatMap, phases: SetPhases, orders: Sequence[tuple[int, ...]]
+    phases: SetPhases, orders: Sequence[tuple[int, ...]], sums: FloatMap
 ) -> NDArray[np.bool_]:
     """Pixels whose residuals a first fit explains."""
-    first, _ = _expected(waves, gram(waves), phases, orders)
-    left = np.abs(phases.residual_rad - _explained(waves, phases, orders, first))
+    _, first, _ = _expected(phases.phase_rad, phases, orders, sums)
+    left = np.abs(phases.residual_rad - _explained(phases.phase_rad, phases, orders, first))
     limit = OUTLIER_SIGMAS * MAD_TO_SIGMA * np.array([[median(row)] for row in left])
     return np.asarray(np.all(left <= limit, axis=0))
 
 
 def _fitted(
-    waves: FloatMap, phases: SetPhases, orders: Sequence[tuple[int, ...]]
-) -> tuple[FloatMap, FloatMap, FloatMap, FloatMap]:
-    """Waves at the true phases, their products, expected coefficients and covariance.
+    phases: SetPhases, orders: Sequence[tuple[int, ...]], sums: FloatMap
+) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """Products of the waves at the true phases, expected coefficients and covariance.
 
     Where sets show hardly more than a fringe, orders look alike, and fits may run away from pass to
     pass. They are those of the first one where orders of steps and gains grow beyond usual ones.
     """
-    products = gram(waves)
-    first = last = (waves, products, *_expected(waves, products, phases, orders))
-    taken, phase = first[2], phases.phase_rad
+    first = last = _expected(phases.phase_rad, phases, orders, sums)
+    taken, phase = first[1], phases.phase_rad
     for _ in range(PASSES):
-        phase, before = _true_phases(last[0], phases, orders, taken), phase
+        phase, before = _true_phases(phase, phases, orders, taken), phase
         if np.std(phase - before) < SETTLED_RAD:
             break
-        waves = _waves(phase, orders)
-        products = gram(waves)
-        last = (waves, products, *_expected(waves, products, phases, orders))
-        taken = 0.5 * (taken + last[2])  # whole steps go too far
+        last = _expected(phase, phases, orders, _sums(phase, phases, orders))
+        taken = 0.5 * (taken + last[1])  # whole steps go too far
     low = np.concatenate([np.repeat(of_set, 2) < RESPONSE_ORDER for of_set in orders])
-    sizes = [float(np.sum(one[2][low] ** 2)) for one in (first, last)]
+    sizes = [float(np.sum(one[1][low] ** 2)) for one in (first, last)]
     usual = 0.5 * np.count_nonzero(low) * STEP_RIPPLE_RAD**2
     return first if sizes[1] > max(sizes[0], usual) else last
 
 
-def _waves(phase_rad: FloatMap, orders: Sequence[tuple[int, ...]]) -> FloatMap:
-    """Cosines and sines of all orders of all sets, (p, n)."""
-    turned = [np.exp(1j * phase) for phase in phase_rad[: len(orders)]]
-    return np.concatenate([parts_of_orders(*pair) for pair in zip(turned, orders, strict=True)])
+def _waves(phase_rad: FloatMap, orders: Sequence[tuple[int, ...]]) -> _core._SetWaves:
+    """Cosines and sines of all orders of all sets, p functions, as the kernels take them."""
+    return {"phase": phase_rad[: len(orders)], "orders": orders}
 
 
 def _true_phases(
-    waves: FloatMap, phases: SetPhases, orders: Sequence[tuple[int, ...]], coefficients: FloatMap
+    phase_rad: FloatMap,
+    phases: SetPhases,
+    orders: Sequence[tuple[int, ...]],
+    coefficients: FloatMap,
 ) -> FloatMap:
     """Phases of the coordinate without its ripple, (M, n), rad."""
     share = (phases.frequency / phases.variance)[: len(orders)]
     total = phases.frequency @ (phases.frequency / phases.variance)
-    own = np.add.reduceat(coefficients[:, None] * waves, _first_rows(orders))
+    own = _core.ripple_values(_waves(phase_rad, orders), coefficients)
     return np.asarray(phases.phase_rad - np.outer(phases.frequency, share @ own / total))
 
 
@@ -221,47 +224,51 @@ def _first_rows(orders: Sequence[tuple[int, ...]]) -> NDArray[np.intp]:
 
 
 def _explained(
-    waves: FloatMap,
+    phase_rad: FloatMap,
     phases: SetPhases,
     orders: Sequence[tuple[int, ...]],
     coefficients: FloatMap,
 ) -> FloatMap:
     """Residuals of the sets that ripple makes, (M, n), rad."""
-    own = np.add.reduceat(coefficients[:, None] * waves, _first_rows(orders))
+    own = _core.ripple_values(_waves(phase_rad, orders), coefficients)
     return times(phases.seen()[:, : len(orders)], own)
 
 
+def _sums(phase_rad: FloatMap, phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> FloatMap:
+    """Sums of the products of all pairs of waves of some phases, residuals and ones."""
+    return _core.ripple_sums(_waves(phase_rad, orders), phases.residual_rad)
+
+
 def _expected(
-    waves: FloatMap,
-    products: FloatMap,
-    phases: SetPhases,
-    orders: Sequence[tuple[int, ...]],
-) -> tuple[FloatMap, FloatMap]:
-    """Expected coefficients of the waves and their covariance, given the residuals.
+    phase_rad: FloatMap, phases: SetPhases, orders: Sequence[tuple[int, ...]], sums: FloatMap
+) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """Products of the waves of some phases, their expected coefficients and the covariance of
+    these, given the residuals.
 
     Waves and residuals count without their means: every set has an offset of its own.
     """
-    seen = phases.seen()
+    waves, residual = _waves(phase_rad, orders), phases.residual_rad
     set_of = np.repeat(np.arange(len(orders)), [2 * len(of_set) for of_set in orders])
-    weight = 1.0 / phases.variance
-    mean = waves.mean(axis=1)
-    products = products - waves.shape[1] * np.outer(mean, mean)
-    waves = waves - mean[:, None]
-    residual = phases.residual_rad - phases.residual_rad.mean(axis=1, keepdims=True)
-    normal = products * (seen.T * weight @ seen)[np.ix_(set_of, set_of)]
-    pulls = times(seen.T * weight, residual)
-    projected = np.einsum("pn,pn->p", waves, pulls[set_of])
+    count, number = len(set_of), residual.shape[1]
+    products, mean = sums[:count, :count], sums[:-1, -1] / number
+    central = sums[:count, :-1] - number * np.outer(mean[:count], mean)
+    seen = phases.seen()
+    pulling = seen.T * (1.0 / phases.variance)
+    normal = central[:, :count] * (pulling @ seen)[np.ix_(set_of, set_of)]
+    projected = np.einsum("pm,pm->p", central[:, count:], pulling[set_of])
     inverse = np.linalg.pinv(normal, hermitian=True)
-    left = residual - _explained(waves, phases, orders, inverse @ projected)
-    scores = waves * times(seen.T * weight, left)[set_of]
+    first = inverse @ projected
+    # What the waves without their means explain: the mean of what they explain is taken out.
+    left = residual - _explained(phase_rad, phases, orders, first)
+    left -= left.mean(axis=1, keepdims=True)
+    pulls = times(pulling[: len(orders)], left)
     # Errors of neighbouring pixels belong together: sums over groups scatter accordingly.
-    starts = np.flatnonzero(np.diff(phases.group, prepend=-1))
-    sums = np.add.reduceat(scores, starts, axis=1)
-    unit = max(1.0, float(np.sum(inverse * gram(sums))) / len(projected))
+    scatter = _core.ripple_scores(waves, pulls, mean[:count], phases.group)
+    unit = max(1.0, float(np.sum(inverse * scatter)) / count)
     sets = zip(orders, phases.steps, strict=False)  # a coordinate of another kind has no waves
     usual = np.repeat([usual_rad(k, steps) for of_set, steps in sets for k in of_set], 2)
     covariance = np.linalg.inv(normal / unit + np.diag(usual**-2.0))
-    return covariance @ projected / unit, covariance
+    return products, covariance @ projected / unit, covariance
 
 
 def orders_of(phases: PhaseFrames) -> tuple[int, ...]:

@@ -38,3 +38,33 @@ def ordered_groups(quantity: FloatMap, count: int, least: int) -> list[NDArray[n
     """
     groups = min(count, quantity.size // least)
     return np.array_split(np.argsort(quantity), groups) if groups else []
+
+
+def equal_groups(values: NDArray[np.integer]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Group equal values: the place of the first of every group, and the group of every value.
+
+    Groups are numbered from the smallest value on. ``numpy.unique`` returns the same, but loads
+    the package of masked arrays, which takes as long as decoding a frame.
+
+    Parameters
+    ----------
+    values : (n,) array of whole numbers
+
+    Returns
+    -------
+    first : (groups,) array
+    group : (n,) array
+
+    Examples
+    --------
+    >>> first, group = equal_groups(np.array([5, 2, 5, 9]))
+    >>> first.tolist(), group.tolist()
+    ([1, 0, 3], [1, 0, 1, 2])
+    """
+    order = np.argsort(values, kind="stable")
+    rising = values[order]
+    starts = np.ones(len(values), bool)
+    np.not_equal(rising[1:], rising[:-1], out=starts[1:])
+    group = np.empty(len(values), np.intp)
+    group[order] = np.cumsum(starts) - 1
+    return order[starts], group

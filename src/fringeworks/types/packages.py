@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from importlib import import_module, metadata
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from fringeworks.types.errors import MissingPackage
@@ -87,6 +87,9 @@ def opencv_conflict() -> str | None:
 
 def _version(name: str) -> str | None:
     """Version of an installed distribution."""
+    # Asked where something is wrong: the module takes longer to load than all of this package.
+    from importlib import metadata
+
     try:
         return metadata.version(name)
     except metadata.PackageNotFoundError:

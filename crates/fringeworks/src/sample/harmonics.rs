@@ -142,7 +142,7 @@ fn wave(phase: f64) -> (f64, f64) {
 ///
 /// Orders rise. Powers follow from products.
 #[inline(always)]
-fn harmonics(phase: &[f64], orders: &[usize], out: &mut [f64]) {
+pub(super) fn harmonics(phase: &[f64], orders: &[usize], out: &mut [f64]) {
     let n = phase.len();
     let (mut first, mut power) = (vec![(0.0, 0.0); n], vec![(0.0, 0.0); n]);
     for i in 0..n {

@@ -10,6 +10,7 @@ mod gram;
 mod harmonics;
 mod quantile;
 mod residuals;
+mod ripples;
 mod robust;
 mod windows;
 
@@ -19,6 +20,7 @@ pub use gram::gram;
 pub use harmonics::{Sums, window_sums};
 pub use quantile::{Usual, Value, median, quantiles, similar_groups, trimmed_variance};
 pub use residuals::{Maps, Noise, Set, phase_residuals};
+pub use ripples::{Ripples, column_harmonics};
 pub use robust::{Reweighting, Robust, robust_fit};
 pub use windows::{Lines, Wanted, Windows, smooth_windows};
 

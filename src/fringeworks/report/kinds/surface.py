@@ -231,8 +231,14 @@ def cloud_figures(cloud: PointCloud) -> dict[str, Any]:
 
 
 def _median(values: FloatMap) -> float:
-    """Median of values that may be overwritten, which saves a copy."""
-    return float(np.median(values, overwrite_input=True))
+    """Median of one value or more, which may be overwritten: that saves a copy.
+
+    ``numpy.median`` loads the package of masked arrays, which takes longer.
+    """
+    middle = values.size // 2
+    before = middle - (values.size + 1) % 2
+    values.partition((before, middle))
+    return float(np.mean(values[before : middle + 1]))
 
 
 def cloud_words(_: object, figures: dict[str, Any]) -> Iterator[Word]:

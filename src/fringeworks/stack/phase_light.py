@@ -105,13 +105,8 @@ def with_light(
     every[response], errors = mean_of([seen, *(one for one in counted if _alike(one, seen))])
     expected = ripple.errors_rad.copy()
     expected[response] = 0.0  # a response is usual: what is expected of it counts
-    return replace(
-        ripple,
-        phasors_rad=every,
-        errors_rad=expected,
-        error_rad=float(np.hypot.reduce(errors)),
-        told=True,
-    )
+    error = float(np.hypot.reduce(errors))
+    return replace(ripple, phasors_rad=every, errors_rad=expected, error_rad=error, told_rad=error)
 
 
 def _alike(one: Evidence, other: Evidence) -> bool:

@@ -135,10 +135,15 @@ class Ripple:
     """The same at pixels of rising brightness A + B, counts; none where all are alike."""
     places: int = MIN_PLACES
     """Number of places along the lines that it was seen at."""
-    told: bool = False
-    """Whether the brightness of the fringes tells that of a response, within its error."""
+    told_rad: float | None = None
+    """Error of the part of a response, rms, rad, where the brightness of the fringes tells it."""
     freedom: float = float("inf")
     """Degrees of freedom of the errors: two for every place but one."""
+
+    @property
+    def told(self) -> bool:
+        """Whether the brightness of the fringes tells the part of a response."""
+        return self.told_rad is not None
 
     @property
     def rms_rad(self) -> float:
@@ -182,7 +187,7 @@ class Ripple:
             noise_rad=other.noise_rad,
             all_rad=None,
             by_brightness=(),
-            told=other.told,
+            told_rad=other.told_rad,
         )
 
     def significant(self, order: int) -> complex:

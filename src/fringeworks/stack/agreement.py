@@ -130,6 +130,19 @@ def _sharpest(phases: PhaseFrames) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
+class OtherSteps:
+    """Sign and start of steps that differ from the plan's."""
+
+    axis: Axis
+    sign: float
+    """1, or −1 for steps that run backwards."""
+    start: float
+    """Start of the steps, turns."""
+    of_set: int | None = None
+    """Number of the set along the axis that takes these steps; None for all."""
+
+
+@dataclass(frozen=True)
 class Order:
     """A hypothesis: which frame of the stack shows which pattern of the plan."""
 
@@ -141,12 +154,8 @@ class Order:
     """First frame of the stack that sees the scene moved."""
     moved_px: int = 0
     """Shift of the image since then along the lines, camera px."""
-    steps: tuple[float, float] = (1.0, 0.0)
-    """Sign and start of the steps, ± 1 and turns."""
-    axis: Axis | None = None
-    """Axis of these steps."""
-    of_set: int | None = None
-    """Number of the set along the axis that takes these steps; None for all."""
+    steps: tuple[OtherSteps, ...] = ()
+    """Steps that differ from the plan's."""
 
 
 @dataclass(frozen=True)
@@ -372,15 +381,15 @@ class LineEvidence:
         return self._seen[frame]
 
     def _with_steps(self, order: Order) -> Decoding:
-        sign, start = order.steps
-        if order.axis != self.decoding.axis:
+        others = [o for o in order.steps if o.axis == self.decoding.axis]
+        if not others:
             return self.decoding
-        sets = [
-            replace(s, shifts_rad=tuple(sign * (d - TURN * start) for d in s.shifts_rad))
-            if order.of_set in (None, k)
-            else s
-            for k, s in enumerate(self.decoding.sets)
-        ]
+        sets = list(self.decoding.sets)
+        for other in others:
+            for k, s in enumerate(sets):
+                if other.of_set in (None, k):
+                    shifts = (other.sign * (d - TURN * other.start) for d in s.shifts_rad)
+                    sets[k] = replace(s, shifts_rad=tuple(shifts))
         return replace(self.decoding, sets=tuple(sets))
 
     def _bend(self, options: list[dict[str, Any]]) -> FloatMap:

@@ -11,10 +11,11 @@ import numpy as np
 
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, step_design
-from fringeworks.stack.agreement import SAME, LineEvidence, Order
+from fringeworks.stack.agreement import SAME, LineEvidence, Order, OtherSteps
 from fringeworks.stack.kernel_settings import decoding_of
 from fringeworks.stack.other_orders import orders_of_other_programs
-from fringeworks.stack.step_convention import convention, steps_in_words
+from fringeworks.stack.set_ratios import refuse_other_ratios
+from fringeworks.stack.step_convention import convention, refuse_other_period, steps_in_words
 from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import Axis, FloatMap, FramesContradictPlan, InputError
 
@@ -67,7 +68,7 @@ OWN_AXES = 0.5
 """An order that exchanges the axes is not named where one that keeps them has more than this share
 of its gain. Where the axes are kept, that share is 0.6 or more in simulations."""
 
-PREFERRED = ("steps", "", "set", "moved", "start")
+PREFERRED = ("steps", "sets", "", "set", "moved", "start")
 """Kinds of explanations in the order in which equally good ones are named; "" stands for others."""
 
 
@@ -105,6 +106,9 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
         If another order of the frames explains the lines far better than the plan's, or a frame
         shows nothing or repeats another.
     """
+    for found in evidence.values():
+        refuse_other_period(found.decoding, found.lines)
+        refuse_other_ratios(found.decoding, found.lines)
     if not any(found.suspicious() for found in evidence.values()):
         _refuse_other_steps(plan, evidence)
         return False
@@ -114,7 +118,7 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
     repeated = _repeated(plan, evidence)
     if repeated and repeated[0] < plan.frames - 1:
         raise FramesContradictPlan(_repeats_in_words(plan, repeated[0]))
-    found: list[tuple[float, Hypothesis]] = []
+    fitting: list[tuple[float, Hypothesis]] = []
     for hypothesis in _hypotheses(plan, evidence):
         cost = _cost(plan, hypothesis.order, evidence)
         if cost is None or cost.size != planned.size or float(np.mean(cost)) > FITS:
@@ -124,11 +128,11 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
         least = FAR_BETTER if hypothesis.kind not in ("moved", "start") else WORTH * planned.size
         against = AGAINST if None not in hypothesis.order.places else AGAINST_UNSEEN
         if better - worse > max(least, FAR_BETTER) and worse < against * better:
-            found.append((better - worse, hypothesis))
-    found = _with_own_axes(_with_one_start(found))
-    if found:
+            fitting.append((better - worse, hypothesis))
+    fitting = _with_own_axes(_with_one_start(fitting))
+    if fitting:
         also = f"; {_repeats_in_words(plan, repeated[0])}" if repeated else ""
-        raise FramesContradictPlan(_words(found) + also)
+        raise FramesContradictPlan(_words(fitting) + also)
     if repeated:
         raise FramesContradictPlan(_repeats_in_words(plan, repeated[0]))
     _refuse_other_steps(plan, evidence)
@@ -140,12 +144,16 @@ def _with_one_start(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, 
     """The explanations without those by the start of a set of which several fit as well: such a
     set has other fringes, not another start."""
     starts: dict[tuple[object, ...], list[float]] = {}
+
+    def of(h: Hypothesis) -> tuple[object, ...]:
+        return tuple((o.axis, o.of_set, o.sign) for o in h.order.steps)
+
     for gain, h in found:
         if h.kind == "set":
-            starts.setdefault((h.order.axis, h.order.of_set, h.order.steps[0]), []).append(gain)
+            starts.setdefault(of(h), []).append(gain)
 
     def vague(h: Hypothesis) -> bool:
-        gains = sorted(starts.get((h.order.axis, h.order.of_set, h.order.steps[0]), []))
+        gains = sorted(starts.get(of(h), []))
         return len(gains) > 1 and gains[-2] > (1.0 - EQUALLY_GOOD) * gains[-1]
 
     return [(gain, h) for gain, h in found if h.kind != "set" or not vague(h)]
@@ -167,31 +175,55 @@ def _refuse_other_steps(plan: PatternPlan, evidence: Evidence) -> None:
 
 
 def _of_steps(plan: PatternPlan, evidence: Evidence, *, clear: bool) -> Iterator[Hypothesis]:
-    """Steps with the sign and start that the borders of the Gray code show."""
-    every = tuple(range(plan.frames))
+    """Steps with the sign and start that the borders of the Gray code show: along each axis, and
+    along both."""
+    every, single = tuple(range(plan.frames)), []
     for axis, found in evidence.items():
         seen = convention(found.decoding, found.lines)
         if seen is None or seen.steps == (1.0, 0.0) or (clear and not (seen.clear and seen.usual)):
             continue
         words = steps_in_words(found.decoding, seen, plan.labels())
-        order = Order(every, axis=axis, steps=seen.steps)
-        yield Hypothesis(order, "steps" if seen.usual else "start", *words)
+        order = Order(every, steps=(OtherSteps(axis, *seen.steps),))
+        single.append(Hypothesis(order, "steps" if seen.usual else "start", *words))
+    if len(single) > 1:
+        steps = tuple(other for h in single for other in h.order.steps)
+        kind = "steps" if all(h.kind == "steps" for h in single) else "start"
+        words = " and ".join(h.words for h in single), "".join(h.advice for h in single)
+        yield Hypothesis(Order(every, steps=steps), kind, *words)
+    yield from single
 
 
-def _of_one_set(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
-    """Steps of one of several sets that run backwards, or start at a quarter of a turn."""
+def _of_sets(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
+    """Steps of one of several sets that run backwards, or start at a quarter of a turn; and of all
+    sets, where no Gray code tells them."""
     every, labels = tuple(range(plan.frames)), plan.labels()
-    for axis, found in evidence.items():
-        sets = found.decoding.sets if len(found.decoding.sets) > 1 else ()
-        for k, phases in enumerate(sets):
+    several = {a: f.decoding for a, f in evidence.items() if len(f.decoding.sets) > 1}
+    free = [axis for axis, decoding in several.items() if decoding.gray is None]
+    for sign, start in SET_STEPS:
+        for axes in {tuple(free), *((axis,) for axis in free)} - {()}:
+            order = Order(every, steps=tuple(OtherSteps(axis, sign, start) for axis in axes))
+            first = several[axes[0]].sets[0]
+            words = (
+                f"all sets along {' and '.join(axes)} have another sign or start of their steps "
+                f"than the plan says ({_fitting(first.shifts_rad, sign, start)} fit the frames "
+                f"from {labels[first.frames[0]]} on)"
+            )
+            yield Hypothesis(order, "sets", words)
+    for axis, decoding in several.items():
+        for k, phases in enumerate(decoding.sets):
             for sign, start in SET_STEPS:
-                steps = [np.degrees(sign * (d - TURN * start)) % 360.0 for d in phases.shifts_rad]
                 words = (
                     f"the set from {labels[phases.frames[0]]} on has another sign or start of its "
-                    f"steps than the plan says (they fit {', '.join(f'{d:.0f}°' for d in steps)})"
+                    f"steps than the plan says (they fit {_fitting(phases.shifts_rad, sign, start)})"
                 )
-                order = Order(every, axis=axis, steps=(sign, start), of_set=k)
+                order = Order(every, steps=(OtherSteps(axis, sign, start, k),))
                 yield Hypothesis(order, "set", words)
+
+
+def _fitting(shifts_rad: tuple[float, ...], sign: float, start: float) -> str:
+    """Steps of another sign and start, in words."""
+    steps = [np.degrees(sign * (d - TURN * start)) % 360.0 for d in shifts_rad]
+    return ", ".join(f"{d:.0f}°" for d in steps)
 
 
 def refuse_unrelated(evidence: Evidence) -> None:
@@ -275,7 +307,7 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
     labels = plan.labels()
     every = tuple(range(plan.frames))
     yield from _of_steps(plan, evidence, clear=False)
-    yield from _of_one_set(plan, evidence)
+    yield from _of_sets(plan, evidence)
     for a, b in combinations(every, 2):
         places = list(every)
         places[a], places[b] = b, a

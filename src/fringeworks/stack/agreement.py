@@ -55,8 +55,11 @@ NOISE_RESIDUAL = 4.0
 """Variance of a residual that begins to cost, over that of the noise: two standard deviations."""
 
 MISSING = 0.1
-"""Cost of a bit that is tried dark and bright, per pixel: ln 2 where it changes, which is at one
-pixel of three, over the 2.4 of a pixel without a coordinate."""
+"""Cost of the finest bit that is tried dark and bright, per pixel: ln 2 where it changes, which is
+at one pixel of three, over the 2.4 of a pixel without a coordinate."""
+
+SELDOM = 0.1
+"""Least share of that cost: of bits that change at few pixels."""
 
 UNEXPLAINED = 1.0
 """Cost of a frame of the stack that an order has no use for and that shows light: that of a pixel
@@ -127,6 +130,11 @@ def _sharpest(phases: PhaseFrames) -> tuple[float, float]:
     share, steps = phases.line_px / phases.period_px, len(phases.frames)
     residual = sharp_residual(share, steps)
     return line_ripple(share, steps, residual), residual
+
+
+def _shown(order: Order, pattern: int) -> bool:
+    """Whether an order has a frame for a pattern."""
+    return pattern >= len(order.places) or order.places[pattern] is not None
 
 
 @dataclass(frozen=True)
@@ -323,8 +331,16 @@ class LineEvidence:
         if options is None:
             return None
         cost, _ = self._cost(self._with_steps(order), options)
-        penalty = MISSING * (len(options) - 1) + UNEXPLAINED * self._unexplained(order)
-        return cost[self.triples] + penalty
+        missing = self._missing(order) * (len(options) - 1)
+        return cost[self.triples] + missing + UNEXPLAINED * self._unexplained(order)
+
+    def _missing(self, order: Order) -> float:
+        """Cost per pixel of a bit that is tried dark and bright: coarse bits change at few."""
+        gray = self.decoding.gray
+        if gray is None:
+            return MISSING
+        coarser = [len(gray.bits) - 1 - n for n, k in enumerate(gray.bits) if not _shown(order, k)]
+        return MISSING * max(0.5 ** min(coarser, default=0), SELDOM)
 
     def _cost(
         self, decoding: Decoding, options: list[list[NDArray[Any]]]

@@ -11,7 +11,7 @@ import numpy as np
 
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, step_design
-from fringeworks.stack.agreement import SAME, LineEvidence, Order, OtherSteps
+from fringeworks.stack.agreement import DARK, SAME, LineEvidence, Order, OtherSteps
 from fringeworks.stack.kernel_settings import decoding_of
 from fringeworks.stack.other_orders import orders_of_other_programs
 from fringeworks.stack.set_ratios import refuse_other_ratios
@@ -323,13 +323,9 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
     for other in orders_of_other_programs(plan):
         order = Order(other.places, inverted=other.inverted)
         yield Hypothesis(order, "order", other.words, other.advice, other.changes, other.exchanged)
-    for first, block in plan.placed:
-        for k in range(first, first + block.frames):
-            if isinstance(block, GrayCode) and _empty(evidence, k):
-                if block.inverse and _opposite(evidence, k, first + ((k - first) ^ 1)):
-                    continue  # the scene lies in one stripe of this bit
-                order = Order((*every[:k], None, *every[k + 1 :]))
-                yield Hypothesis(order, "empty", f"frame {_no_pattern_in_words(labels[k])}")
+    for k in _dark_or_bright(plan, evidence):
+        order = Order((*every[:k], None, *every[k + 1 :]))
+        yield Hypothesis(order, "empty", f"frame {_no_pattern_in_words(labels[k])}")
     for first, block in plan.placed:
         if first and block.frames > 1:
             for px in MOVES_PX:
@@ -337,6 +333,21 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
                     f"the camera or the scene moved by about {abs(px)} px before {labels[first]}"
                 )
                 yield Hypothesis(Order(every, since=first, moved_px=px), "moved", words)
+
+
+def _dark_or_bright(plan: PatternPlan, evidence: Evidence) -> Iterator[int]:
+    """Bits that are dark, or bright, all over the lines, and a white frame that is dark."""
+    for first, block in plan.placed:
+        for k in range(first, first + block.frames):
+            if block == Uniform("white") and all(
+                quantile(found.shares(k), 0.95) < DARK for found in evidence.values()
+            ):
+                yield k
+            if not isinstance(block, GrayCode) or not _empty(evidence, k):
+                continue
+            if block.inverse and _opposite(evidence, k, first + ((k - first) ^ 1)):
+                continue  # the scene lies in one stripe of this bit
+            yield k
 
 
 def _late(n: int, labels: list[str]) -> Iterator[Hypothesis]:

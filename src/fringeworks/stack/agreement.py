@@ -61,6 +61,9 @@ at one pixel of three, over the 2.4 of a pixel without a coordinate."""
 SELDOM = 0.1
 """Least share of that cost: of bits that change at few pixels."""
 
+FEWEST_BRIGHT = 2
+"""Fewest other bright frames of a pixel that the light of one is compared with."""
+
 UNEXPLAINED = 1.0
 """Cost of a frame of the stack that an order has no use for and that shows light: that of a pixel
 without a coordinate."""
@@ -164,6 +167,8 @@ class Order:
     """Shift of the image since then along the lines, camera px."""
     steps: tuple[OtherSteps, ...] = ()
     """Steps that differ from the plan's."""
+    exposure: tuple[int, float] | None = None
+    """A frame of the stack whose exposure is another, and how many times that of the others."""
 
 
 @dataclass(frozen=True)
@@ -217,6 +222,19 @@ class LineEvidence:
         shares = self.shares(frame)
         return quantile(shares, 0.95) - quantile(shares, 0.05) > CONTRAST
 
+    def exposure(self, frame: int, others: tuple[int, ...]) -> float:
+        """Light of a frame over that of others, where all of these are bright; NaN where no pixels
+        show it."""
+        middle = 0.5 * (self.low + self.high)
+        lines = np.stack([_finite(self.lines[k]) for k in others])
+        bright = np.where(lines > middle, lines, np.nan)
+        seen = self.voters & (_finite(self.lines[frame]) > middle)
+        seen &= np.count_nonzero(lines > middle, axis=0) >= FEWEST_BRIGHT
+        if np.count_nonzero(seen) < MIN_JUDGED_PIXELS:
+            return float("nan")
+        usual = np.nanmedian(bright[:, seen], axis=0)
+        return quantile(_finite(self.lines[frame])[seen] / usual, 0.5)
+
     def difference(self, frame: int, other: int) -> float:
         """Mean difference of two frames beyond noise, over the range of the pixels; infinite where
         noise hides it."""
@@ -239,12 +257,19 @@ class LineEvidence:
             return False
         cost, maps = self._cost(self.decoding, [self._planned])
         known, bend = self._known(maps), self._bend([maps])
-        if np.count_nonzero(bend[known] >= 1.0) > JUMPS * np.count_nonzero(known):
+        if self.jumps:
             return True
         if "apart" in maps and float(np.mean(maps["apart"][self.triples])) > LEAST_APART:
             return True
         rough = [float(np.mean(part[self.triples])) for part in (cost, maps.get("astray", cost))]
         return max(rough) > ROUGH or self._rough_bit(maps["coordinate"], bend, known)
+
+    @property
+    def jumps(self) -> bool:
+        """Whether coordinates of frames as planned jump at more places than depth edges make."""
+        _, maps = self._cost(self.decoding, [self._planned])
+        known, bend = self._known(maps), self._bend([maps])
+        return np.count_nonzero(bend[known] >= 1.0) > JUMPS * np.count_nonzero(known)
 
     @property
     def unrelated(self) -> str:
@@ -504,6 +529,8 @@ class LineEvidence:
         plane = self.lines[place]
         if order.moved_px and place >= order.since:
             plane = np.roll(plane, -order.moved_px, axis=1)
+        if order.exposure is not None and place == order.exposure[0]:
+            plane = plane / order.exposure[1]
         return self.low + self.high - plane if pattern in order.inverted else plane
 
     def _predict(self, phases: PhaseFrames, shown: dict[int, NDArray[Any] | None]) -> bool:

@@ -17,7 +17,7 @@ from fringeworks.stack.other_orders import orders_of_other_programs
 from fringeworks.stack.set_ratios import refuse_other_ratios
 from fringeworks.stack.step_convention import convention, refuse_other_period, steps_in_words
 from fringeworks.statistics.quantiles import quantile
-from fringeworks.types import Axis, FloatMap, FramesContradictPlan, InputError
+from fringeworks.types import Axis, Finding, FloatMap, FramesContradictPlan, InputError
 
 Evidence = Mapping[Axis, LineEvidence]
 
@@ -56,6 +56,10 @@ BENT = 2.2
 
 SET_STEPS = tuple((s, q / 4.0) for s in (1.0, -1.0) for q in range(4) if (s, q) != (1.0, 0))
 """Signs and starts, in turns, that other programs give the steps of a set."""
+
+LEAST_EXPOSURE = 0.08
+"""Smallest relative change of the exposure of a Gray-code frame that is tried; less moves no bit
+that blur leaves a third of its contrast."""
 
 PHASES = 361
 """Number of phases at which that error is looked for."""
@@ -123,12 +127,11 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
         cost = _cost(plan, hypothesis.order, evidence)
         if cost is None or cost.size != planned.size or float(np.mean(cost)) > FITS:
             continue
-        gain = planned - cost
-        better, worse = float(np.sum(np.fmax(gain, 0.0))), float(-np.sum(np.fmin(gain, 0.0)))
         least = FAR_BETTER if hypothesis.kind not in ("moved", "start") else WORTH * planned.size
         against = AGAINST if None not in hypothesis.order.places else AGAINST_UNSEEN
-        if better - worse > max(least, FAR_BETTER) and worse < against * better:
-            fitting.append((better - worse, hypothesis))
+        gain = _gain(planned, cost, against)
+        if gain > max(least, FAR_BETTER):
+            fitting.append((gain, hypothesis))
     fitting = _with_own_axes(_with_one_start(fitting))
     if fitting:
         also = f"; {_repeats_in_words(plan, repeated[0])}" if repeated else ""
@@ -138,6 +141,13 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
     _refuse_other_steps(plan, evidence)
     _refuse_no_pattern(plan, evidence, planned)
     return True
+
+
+def _gain(planned: FloatMap, cost: FloatMap, against: float) -> float:
+    """What an order gains over the plan's; 0 where too many pixels speak against it."""
+    gain = planned - cost
+    better, worse = float(np.sum(np.fmax(gain, 0.0))), float(-np.sum(np.fmin(gain, 0.0)))
+    return better - worse if worse < against * better else 0.0
 
 
 def _with_one_start(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, Hypothesis]]:
@@ -326,6 +336,7 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
     for k in _dark_or_bright(plan, evidence):
         order = Order((*every[:k], None, *every[k + 1 :]))
         yield Hypothesis(order, "empty", f"frame {_no_pattern_in_words(labels[k])}")
+    yield from _misleading_exposures(plan, evidence)
     for first, block in plan.placed:
         if first and block.frames > 1:
             for px in MOVES_PX:
@@ -333,6 +344,57 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
                     f"the camera or the scene moved by about {abs(px)} px before {labels[first]}"
                 )
                 yield Hypothesis(Order(every, since=first, moved_px=px), "moved", words)
+
+
+def other_exposures(plan: PatternPlan, evidence: Evidence) -> Iterator[Finding]:
+    """Exposures that differ and cost pixels their coordinate, but mislead hardly any."""
+    labels = plan.labels()
+    for axis, found in evidence.items():
+        planned = found.cost(Order(tuple(range(plan.frames))))
+        for order, factor in _of_exposures(plan, found):
+            cost = found.cost(order)
+            if planned is None or cost is None or _gain(planned, cost, AGAINST) < FAR_BETTER:
+                continue
+            assert order.exposure is not None
+            label = labels[order.exposure[0]]
+            yield Finding(
+                "exposure",
+                f"frame {label} has another exposure than the others along {axis} ({factor:.2f} "
+                "times): its bits are in doubt at many pixels",
+                ("automatic exposure", "a projector that was not yet bright"),
+                "fix the exposure, and take the frames again",
+                axis,
+                (label,),
+                {"exposure": factor},
+            )
+
+
+def _of_exposures(plan: PatternPlan, found: LineEvidence) -> Iterator[tuple[Order, float]]:
+    """Frames of a Gray code, and of the light that its bits are compared with, whose exposure is
+    another than that of the others."""
+    gray = found.decoding.gray
+    if gray is None:
+        return
+    shown = (*gray.bits, *gray.inverse, *(gray.white_black or ())[:1])
+    for k in shown:
+        factor = found.exposure(k, tuple(j for j in shown if j != k))
+        if abs(factor - 1.0) > LEAST_EXPOSURE:
+            yield Order(tuple(range(plan.frames)), exposure=(k, factor)), factor
+
+
+def _misleading_exposures(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
+    """Frames whose exposure is another, where coordinates jump."""
+    labels = plan.labels()
+    for axis, found in evidence.items():
+        if not found.jumps:
+            continue
+        for order, factor in _of_exposures(plan, found):
+            assert order.exposure is not None
+            words = (
+                f"frame {labels[order.exposure[0]]} has another exposure than the others along "
+                f"{axis} ({factor:.2f} times)"
+            )
+            yield Hypothesis(order, "exposure", words)
 
 
 def _dark_or_bright(plan: PatternPlan, evidence: Evidence) -> Iterator[int]:

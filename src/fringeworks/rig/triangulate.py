@@ -329,7 +329,9 @@ def _chosen(decoded: Decoded, rig: Rig, axis: Axis | None) -> dict[Axis, Coordin
                 f"rig: it is for a projector of {projector.width_px} × {projector.height_px} px, "
                 f"got coordinates up to {np.nanmax(rows):.0f} along {name}"
             )
-    return maps
+    # An axis of which nothing is measured must not take the points of the other.
+    measured = {name: found for name, found in maps.items() if not found.reason.all()}
+    return measured or maps
 
 
 def _cloud(

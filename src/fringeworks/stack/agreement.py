@@ -154,6 +154,17 @@ class OtherSteps:
 
 
 @dataclass(frozen=True)
+class OtherPeriod:
+    """Period of a set that differs from the plan's."""
+
+    axis: Axis
+    of_set: int
+    """Number of the set along the axis."""
+    px: float
+    """The period, projector px."""
+
+
+@dataclass(frozen=True)
 class Order:
     """A hypothesis: which frame of the stack shows which pattern of the plan."""
 
@@ -169,6 +180,8 @@ class Order:
     """Steps that differ from the plan's."""
     exposure: tuple[int, float] | None = None
     """A frame of the stack whose exposure is another, and how many times that of the others."""
+    period: OtherPeriod | None = None
+    """A period that differs from the plan's."""
 
 
 @dataclass(frozen=True)

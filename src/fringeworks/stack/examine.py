@@ -16,11 +16,8 @@ from fringeworks.stack.agreement import LineEvidence
 from fringeworks.stack.gray_frames import refuse_unequal_levels, resolution
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.noise import measure_noise, neighbour_noise, spatial_noise, usable
-from fringeworks.stack.order_faults import (
-    other_exposures,
-    refuse_order_faults,
-    refuse_unrelated,
-)
+from fringeworks.stack.order_faults import refuse_order_faults, refuse_unrelated
+from fringeworks.stack.other_patterns import other_exposures
 from fringeworks.stack.real_frames import RealFrames, design_rows, fit_frames
 from fringeworks.stack.refine import Refined, refined
 from fringeworks.stack.refusal import saturation_first

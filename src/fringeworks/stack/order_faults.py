@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import lru_cache
 from itertools import combinations
 
@@ -11,28 +11,28 @@ import numpy as np
 
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, step_design
-from fringeworks.stack.agreement import DARK, SAME, LineEvidence, Order, OtherSteps
+from fringeworks.stack.agreement import DARK, SAME, LineEvidence, Order
 from fringeworks.stack.kernel_settings import decoding_of
 from fringeworks.stack.other_orders import orders_of_other_programs
-from fringeworks.stack.set_ratios import refuse_other_ratios
-from fringeworks.stack.step_convention import convention, refuse_other_period, steps_in_words
+from fringeworks.stack.other_patterns import (
+    AGAINST,
+    FAR_BETTER,
+    Evidence,
+    Hypothesis,
+    gain_of,
+    misleading_exposures,
+    of_periods,
+    of_sets,
+    of_steps,
+)
 from fringeworks.statistics.quantiles import quantile
-from fringeworks.types import Axis, Finding, FloatMap, FramesContradictPlan, InputError
-
-Evidence = Mapping[Axis, LineEvidence]
+from fringeworks.types import Axis, FloatMap, FramesContradictPlan, InputError
 
 LAGS = (1, -1, 2, -2, 3, -3)
 """Numbers of frames by which a whole stack may be late or early, the likeliest first."""
 
 MOVES_PX = (1, -1, 2, -2)
 """Shifts of the image between two blocks that are tried, camera px."""
-
-FAR_BETTER = 20.0
-"""Smallest gain of another order over the plan, in pixels without a coordinate. Each weighs e^2.4;
-the value allows that some ten neighbours vote alike."""
-
-AGAINST = 0.25
-"""Largest share of the gain that other pixels may lose."""
 
 WORTH = 0.1
 """Smallest gain of a scene that moved, or of steps with an unusual start, as a share of the pixels.
@@ -54,13 +54,6 @@ REPEATED = 0.3
 BENT = 2.2
 """Exponent of a projector's response (γ) up to which a set predicts a step without it."""
 
-SET_STEPS = tuple((s, q / 4.0) for s in (1.0, -1.0) for q in range(4) if (s, q) != (1.0, 0))
-"""Signs and starts, in turns, that other programs give the steps of a set."""
-
-LEAST_EXPOSURE = 0.08
-"""Smallest relative change of the exposure of a Gray-code frame that is tried; less moves no bit
-that blur leaves a third of its contrast."""
-
 PHASES = 361
 """Number of phases at which that error is looked for."""
 
@@ -72,22 +65,8 @@ OWN_AXES = 0.5
 """An order that exchanges the axes is not named where one that keeps them has more than this share
 of its gain. Where the axes are kept, that share is 0.6 or more in simulations."""
 
-PREFERRED = ("steps", "sets", "", "set", "moved", "start")
+PREFERRED = ("period", "steps", "sets", "", "set", "moved", "start")
 """Kinds of explanations in the order in which equally good ones are named; "" stands for others."""
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """An order of the frames, and the fault that would make it."""
-
-    order: Order
-    kind: str
-    words: str
-    advice: str = ""
-    changes: int = 0
-    """Number of conventions that differ from the plan's, for an order of another program."""
-    exchanged: bool = False
-    """Whether columns and rows change places."""
 
 
 def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
@@ -110,9 +89,6 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
         If another order of the frames explains the lines far better than the plan's, or a frame
         shows nothing or repeats another.
     """
-    for found in evidence.values():
-        refuse_other_period(found.decoding, found.lines)
-        refuse_other_ratios(found.decoding, found.lines)
     if not any(found.suspicious() for found in evidence.values()):
         _refuse_other_steps(plan, evidence)
         return False
@@ -129,7 +105,7 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
             continue
         least = FAR_BETTER if hypothesis.kind not in ("moved", "start") else WORTH * planned.size
         against = AGAINST if None not in hypothesis.order.places else AGAINST_UNSEEN
-        gain = _gain(planned, cost, against)
+        gain = gain_of(planned, cost, against)
         if gain > max(least, FAR_BETTER):
             fitting.append((gain, hypothesis))
     fitting = _with_own_axes(_with_one_start(fitting))
@@ -141,13 +117,6 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
     _refuse_other_steps(plan, evidence)
     _refuse_no_pattern(plan, evidence, planned)
     return True
-
-
-def _gain(planned: FloatMap, cost: FloatMap, against: float) -> float:
-    """What an order gains over the plan's; 0 where too many pixels speak against it."""
-    gain = planned - cost
-    better, worse = float(np.sum(np.fmax(gain, 0.0))), float(-np.sum(np.fmin(gain, 0.0)))
-    return better - worse if worse < against * better else 0.0
 
 
 def _with_one_start(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, Hypothesis]]:
@@ -178,62 +147,10 @@ def _with_own_axes(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, H
 
 
 def _refuse_other_steps(plan: PatternPlan, evidence: Evidence) -> None:
-    """Refuse steps of another usual start than the plan's, which leaves coordinates in their cells
-    where these are narrower than the fringes: smooth, and wrong all over."""
-    for hypothesis in _of_steps(plan, evidence, clear=True):
+    """Refuse another period than the plan's, and steps of another usual start, which leaves
+    coordinates in their cells where these are narrower than the fringes: smooth, and wrong."""
+    for hypothesis in (*of_periods(plan, evidence), *of_steps(plan, evidence, clear=True)):
         raise FramesContradictPlan(_words([(0.0, hypothesis)]))
-
-
-def _of_steps(plan: PatternPlan, evidence: Evidence, *, clear: bool) -> Iterator[Hypothesis]:
-    """Steps with the sign and start that the borders of the Gray code show: along each axis, and
-    along both."""
-    every, single = tuple(range(plan.frames)), []
-    for axis, found in evidence.items():
-        seen = convention(found.decoding, found.lines)
-        if seen is None or seen.steps == (1.0, 0.0) or (clear and not (seen.clear and seen.usual)):
-            continue
-        words = steps_in_words(found.decoding, seen, plan.labels())
-        order = Order(every, steps=(OtherSteps(axis, *seen.steps),))
-        single.append(Hypothesis(order, "steps" if seen.usual else "start", *words))
-    if len(single) > 1:
-        steps = tuple(other for h in single for other in h.order.steps)
-        kind = "steps" if all(h.kind == "steps" for h in single) else "start"
-        words = " and ".join(h.words for h in single), "".join(h.advice for h in single)
-        yield Hypothesis(Order(every, steps=steps), kind, *words)
-    yield from single
-
-
-def _of_sets(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
-    """Steps of one of several sets that run backwards, or start at a quarter of a turn; and of all
-    sets, where no Gray code tells them."""
-    every, labels = tuple(range(plan.frames)), plan.labels()
-    several = {a: f.decoding for a, f in evidence.items() if len(f.decoding.sets) > 1}
-    free = [axis for axis, decoding in several.items() if decoding.gray is None]
-    for sign, start in SET_STEPS:
-        for axes in {tuple(free), *((axis,) for axis in free)} - {()}:
-            order = Order(every, steps=tuple(OtherSteps(axis, sign, start) for axis in axes))
-            first = several[axes[0]].sets[0]
-            words = (
-                f"all sets along {' and '.join(axes)} have another sign or start of their steps "
-                f"than the plan says ({_fitting(first.shifts_rad, sign, start)} fit the frames "
-                f"from {labels[first.frames[0]]} on)"
-            )
-            yield Hypothesis(order, "sets", words)
-    for axis, decoding in several.items():
-        for k, phases in enumerate(decoding.sets):
-            for sign, start in SET_STEPS:
-                words = (
-                    f"the set from {labels[phases.frames[0]]} on has another sign or start of its "
-                    f"steps than the plan says (they fit {_fitting(phases.shifts_rad, sign, start)})"
-                )
-                order = Order(every, steps=(OtherSteps(axis, sign, start, k),))
-                yield Hypothesis(order, "set", words)
-
-
-def _fitting(shifts_rad: tuple[float, ...], sign: float, start: float) -> str:
-    """Steps of another sign and start, in words."""
-    steps = [np.degrees(sign * (d - TURN * start)) % 360.0 for d in shifts_rad]
-    return ", ".join(f"{d:.0f}°" for d in steps)
 
 
 def refuse_unrelated(evidence: Evidence) -> None:
@@ -263,6 +180,9 @@ def _axis_cost(
     plan: PatternPlan, order: Order, axis: Axis, evidence: LineEvidence
 ) -> FloatMap | None:
     """Cost along an axis; of the other sets where hardly a step of a set is left."""
+    period = order.period
+    if period is not None and period.axis == axis:
+        return _cost_of_period(plan, order, axis, evidence)
     lost = [
         block
         for first, block in plan.phase_sets(axis)
@@ -284,6 +204,22 @@ def _axis_cost(
     except InputError:
         return None
     return replace(evidence, decoding=decoding).cost(replace(order, places=tuple(places)))
+
+
+def _cost_of_period(
+    plan: PatternPlan, order: Order, axis: Axis, evidence: LineEvidence
+) -> FloatMap | None:
+    """Cost along an axis of which a set has another period; None where the plan cannot have it."""
+    assert order.period is not None
+    _, changed = plan.phase_sets(axis)[order.period.of_set]
+    blocks = [replace(b, period_px=order.period.px) if b is changed else b for _, b in plan.placed]
+    gray = evidence.decoding.gray
+    try:
+        other = replace(plan, blocks=tuple(blocks))
+        decoding = decoding_of(other, axis, absolute=evidence.decoding.absolute, response=None)
+    except InputError:
+        return None
+    return replace(evidence, decoding=replace(decoding, gray=gray)).cost(order)
 
 
 def _words(found: list[tuple[float, Hypothesis]]) -> str:
@@ -316,8 +252,9 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
     """Orders that a fault of the capture makes, the likeliest first."""
     labels = plan.labels()
     every = tuple(range(plan.frames))
-    yield from _of_steps(plan, evidence, clear=False)
-    yield from _of_sets(plan, evidence)
+    yield from of_periods(plan, evidence)
+    yield from of_steps(plan, evidence, clear=False)
+    yield from of_sets(plan, evidence)
     for a, b in combinations(every, 2):
         places = list(every)
         places[a], places[b] = b, a
@@ -336,7 +273,7 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
     for k in _dark_or_bright(plan, evidence):
         order = Order((*every[:k], None, *every[k + 1 :]))
         yield Hypothesis(order, "empty", f"frame {_no_pattern_in_words(labels[k])}")
-    yield from _misleading_exposures(plan, evidence)
+    yield from misleading_exposures(plan, evidence)
     for first, block in plan.placed:
         if first and block.frames > 1:
             for px in MOVES_PX:
@@ -344,57 +281,6 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
                     f"the camera or the scene moved by about {abs(px)} px before {labels[first]}"
                 )
                 yield Hypothesis(Order(every, since=first, moved_px=px), "moved", words)
-
-
-def other_exposures(plan: PatternPlan, evidence: Evidence) -> Iterator[Finding]:
-    """Exposures that differ and cost pixels their coordinate, but mislead hardly any."""
-    labels = plan.labels()
-    for axis, found in evidence.items():
-        planned = found.cost(Order(tuple(range(plan.frames))))
-        for order, factor in _of_exposures(plan, found):
-            cost = found.cost(order)
-            if planned is None or cost is None or _gain(planned, cost, AGAINST) < FAR_BETTER:
-                continue
-            assert order.exposure is not None
-            label = labels[order.exposure[0]]
-            yield Finding(
-                "exposure",
-                f"frame {label} has another exposure than the others along {axis} ({factor:.2f} "
-                "times): its bits are in doubt at many pixels",
-                ("automatic exposure", "a projector that was not yet bright"),
-                "fix the exposure, and take the frames again",
-                axis,
-                (label,),
-                {"exposure": factor},
-            )
-
-
-def _of_exposures(plan: PatternPlan, found: LineEvidence) -> Iterator[tuple[Order, float]]:
-    """Frames of a Gray code, and of the light that its bits are compared with, whose exposure is
-    another than that of the others."""
-    gray = found.decoding.gray
-    if gray is None:
-        return
-    shown = (*gray.bits, *gray.inverse, *(gray.white_black or ())[:1])
-    for k in shown:
-        factor = found.exposure(k, tuple(j for j in shown if j != k))
-        if abs(factor - 1.0) > LEAST_EXPOSURE:
-            yield Order(tuple(range(plan.frames)), exposure=(k, factor)), factor
-
-
-def _misleading_exposures(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
-    """Frames whose exposure is another, where coordinates jump."""
-    labels = plan.labels()
-    for axis, found in evidence.items():
-        if not found.jumps:
-            continue
-        for order, factor in _of_exposures(plan, found):
-            assert order.exposure is not None
-            words = (
-                f"frame {labels[order.exposure[0]]} has another exposure than the others along "
-                f"{axis} ({factor:.2f} times)"
-            )
-            yield Hypothesis(order, "exposure", words)
 
 
 def _dark_or_bright(plan: PatternPlan, evidence: Evidence) -> Iterator[int]:

@@ -117,7 +117,9 @@ def _hardly_measured(found: CoordinateMap) -> bool:
     return measured <= MIN_MEASURED * (measured + ambiguous)
 
 
-def _lacking_in_words(axis: Axis, found: CoordinateMap, refined: Refined, noise: CameraNoise) -> str:
+def _lacking_in_words(
+    axis: Axis, found: CoordinateMap, refined: Refined, noise: CameraNoise
+) -> str:
     """What keeps the pixels of an axis from being measured."""
     reasons = ", ".join(
         f"{100.0 * count / found.reason.size:.0f} % {name}"

@@ -17,7 +17,7 @@ from fringeworks.stack.fits import wave_of
 from fringeworks.stack.kernel_settings import Decoding
 from fringeworks.stack.sample import Lines
 from fringeworks.statistics.quantiles import quantile, robust_sigma
-from fringeworks.types import BoolMap, FloatMap, FramesContradictPlan
+from fringeworks.types import BoolMap, FloatMap
 
 MOST_PIXELS = 6000
 """Pixels of the lines that are compared, at most. A ratio is then known to some 1e-4."""
@@ -222,38 +222,19 @@ def rate_of(
     return best, float(lengths.max())
 
 
-def refuse_other_ratios(decoding: Decoding, lines: Lines) -> None:
-    """Refuse sets of which one has another period than the plan says.
-
-    Raises
-    ------
-    FramesContradictPlan
-    """
+def periods_by_ratios(decoding: Decoding, lines: Lines) -> list[tuple[int, float]]:
+    """Sets that have another period than the plan says, by number, and the period, projector px:
+    what explains the ratios of all sets. Of two sets, either one may be it."""
+    period = [phases.period_px for phases in decoding.sets]
     found = ratios_of_sets(decoding, lines)
     off = [ratio for ratio in found if ratio.off]
-    if off:
-        raise FramesContradictPlan(
-            f"frames along {decoding.axis}: {_periods_in_words(decoding, found, off)}; the turns "
-            "of all phases from pixel to pixel show it; expected the periods of the plan, which "
-            "may be rounded there or in the pictures"
-        )
-
-
-def _periods_in_words(decoding: Decoding, found: list[Ratio], off: list[Ratio]) -> str:
-    """Which period differs from the plan's, and what fits."""
-    period = [phases.period_px for phases in decoding.sets]
-    reference = off[0].reference
-    first = off[0].off
+    if not off:
+        return []
+    reference, first = off[0].reference, off[0].off
     common = all(abs(ratio.off - first) < SAME_RATIO * abs(first) for ratio in off)
-    if len(off) == len(found) and len(found) > 1 and common:
+    periods = [(r.of_set, period[r.of_set] / abs(r.value)) for r in off]
+    if len(off) == len(found) and common:
         scale = float(np.mean([abs(ratio.value) for ratio in off]))
-        return _period_in_words(period[reference], period[reference] * scale)
-    named = [_period_in_words(period[r.of_set], period[r.of_set] / abs(r.value)) for r in off]
-    if len(found) == 1:
-        named.append(_period_in_words(period[reference], period[reference] * abs(off[0].value)))
-        return " or ".join(named)
-    return ", and ".join(named)
-
-
-def _period_in_words(planned: float, seen: float) -> str:
-    return f"the fringes of {planned:.6g} px in the plan have another period ({seen:.5g} px)"
+        of_reference = (reference, period[reference] * scale)
+        return [of_reference] if len(found) > 1 else [of_reference, *periods]
+    return periods

@@ -19,7 +19,7 @@ from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
 from fringeworks.stack.sample import Lines
 from fringeworks.stack.set_ratios import SEARCHED, rate_of
-from fringeworks.types import BoolMap, FloatMap, FramesContradictPlan
+from fringeworks.types import BoolMap, FloatMap
 
 FIRM = 0.2
 """Smallest distance of the other bits of a pixel from their threshold, as a share of their
@@ -194,22 +194,6 @@ def _convention(
     # What moved between the code and the fringes may look stretched, but hardly from the edge on.
     fixed = abs(fitted.start_turns - fitted.usual_start) < SNAP_TURNS + CLEAR_SIGMAS * at_edge
     return fitted if other and fixed else planned
-
-
-def refuse_other_period(decoding: Decoding, lines: Lines) -> None:
-    """Refuse fringes whose period is not that of the plan, by the borders of the Gray code.
-
-    Raises
-    ------
-    FramesContradictPlan
-    """
-    seen = convention(decoding, lines)
-    if seen is not None and seen.period_px != seen.planned_px:
-        raise FramesContradictPlan(
-            f"frames along {decoding.axis}: the fringes with the period {seen.planned_px:.6g} px "
-            f"in the plan have another period ({seen.period_px:.5g} px by the cells of the Gray "
-            "code); expected the periods of the plan, which may be rounded there or in the pictures"
-        )
 
 
 def steps_in_words(decoding: Decoding, found: Convention, labels: list[str]) -> tuple[str, str]:

@@ -13,6 +13,7 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, step_design
 from fringeworks.stack.agreement import DARK, SAME, LineEvidence, Order
 from fringeworks.stack.kernel_settings import decoding_of
+from fringeworks.stack.late_rows import refuse_late_rows
 from fringeworks.stack.other_orders import orders_of_other_programs
 from fringeworks.stack.other_patterns import (
     AGAINST,
@@ -90,6 +91,7 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
         shows nothing or repeats another.
     """
     if not any(found.suspicious() for found in evidence.values()):
+        refuse_late_rows(plan, evidence)
         _refuse_other_steps(plan, evidence)
         return False
     planned = _cost(plan, Order(tuple(range(plan.frames))), evidence)
@@ -114,6 +116,7 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
         raise FramesContradictPlan(_words(fitting) + also)
     if repeated:
         raise FramesContradictPlan(_repeats_in_words(plan, repeated[0]))
+    refuse_late_rows(plan, evidence)
     _refuse_other_steps(plan, evidence)
     _refuse_no_pattern(plan, evidence, planned)
     return True
@@ -264,7 +267,7 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
     words, both = "the last frame comes first, and so on", len(plan.axes) > 1
     yield Hypothesis(Order(every[::-1]), "reversed", words, exchanged=both)
     for k in range(plan.frames - 1 + _next_scan(plan, evidence)):
-        words = f"{labels[k]} seems to be lost"
+        words = f"{labels[k]} seems to be lost, or was never shown"
         yield Hypothesis(Order((*every[:k], None, *every[k:-1])), "lost", words)
     yield from _codes(plan)
     for other in orders_of_other_programs(plan):

@@ -28,6 +28,7 @@ from fringeworks.types import (
     sealed,
     unsealed,
 )
+from fringeworks.types.finding import LEFT_OUT
 
 FIELDS = {
     "xyz": "xyz_mm",
@@ -330,8 +331,8 @@ def _chosen(decoded: Decoded, rig: Rig, axis: Axis | None) -> dict[Axis, Coordin
                 f"got coordinates up to {np.nanmax(rows):.0f} along {name}"
             )
     # An axis of which nothing is measured must not take the points of the other.
-    measured = {name: found for name, found in maps.items() if not found.reason.all()}
-    return measured or maps
+    left_out = {f.axis for f in decoded.findings if f.kind == LEFT_OUT}
+    return {name: found for name, found in maps.items() if name not in left_out} or maps
 
 
 def _cloud(

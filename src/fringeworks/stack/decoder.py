@@ -25,7 +25,7 @@ from fringeworks.stack.examine import Judgement
 from fringeworks.stack.frames import Planes, check_frames, readable
 from fringeworks.stack.gray_light import plan_with_light, with_light
 from fringeworks.stack.options import DecodeOptions
-from fringeworks.stack.refusal import LEFT_OUT, leave_out, saturation_first, without_lacking_axes
+from fringeworks.stack.refusal import leave_out, saturation_first, without_lacking_axes
 from fringeworks.types import (
     MOST_PX,
     Axis,
@@ -41,6 +41,7 @@ from fringeworks.types import (
     RigMismatch,
     whole,
 )
+from fringeworks.types.finding import LEFT_OUT
 
 JUDGE_EVERY = 25
 """Every so many stacks the frames are judged again: about once a second in live measurement."""

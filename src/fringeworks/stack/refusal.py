@@ -25,14 +25,11 @@ from fringeworks.types import (
     sealed,
     unsealed,
 )
+from fringeworks.types.finding import LEFT_OUT
 
 MIN_MEASURED = 0.02
 """Share of the pixels with fringes that must be measured, at least. The few that pass every test
 where nearly all others fail may have passed by chance. An empirical choice."""
-
-
-LEFT_OUT = "axis left out"
-"""Kind of the finding about an axis of which hardly a pixel can be measured."""
 
 
 @contextmanager

@@ -282,7 +282,7 @@ class LineEvidence:
         """Whether coordinates of frames as planned jump at more places than depth edges make."""
         _, maps = self._cost(self.decoding, [self._planned])
         known, bend = self._known(maps), self._bend([maps])
-        return np.count_nonzero(bend[known] >= 1.0) > JUMPS * np.count_nonzero(known)
+        return bool(np.count_nonzero(bend[known] >= 1.0) > JUMPS * np.count_nonzero(known))
 
     @property
     def unrelated(self) -> str:

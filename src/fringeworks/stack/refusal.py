@@ -111,7 +111,7 @@ def _hardly_measured(found: CoordinateMap) -> bool:
     if measured > MIN_MEASURED * found.reason.size:
         return False  # counting the rest takes time
     ambiguous = np.count_nonzero(found.reason == Reason.ORDER_AMBIGUOUS)
-    return measured <= MIN_MEASURED * (measured + ambiguous)
+    return bool(measured <= MIN_MEASURED * (measured + ambiguous))
 
 
 def _lacking_in_words(

@@ -96,7 +96,7 @@ class Convention:
     def usual_start(self) -> float:
         """The nearest start that programs use, turns."""
         starts = [round(self.start_turns * n) / n for n in (QUARTERS, self.frames)]
-        return min(starts, key=lambda start: abs(start - self.start_turns))
+        return float(min(starts, key=lambda start: abs(start - self.start_turns)))
 
     @property
     def clear(self) -> bool:

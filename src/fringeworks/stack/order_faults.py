@@ -20,6 +20,7 @@ from fringeworks.stack.other_patterns import (
     FAR_BETTER,
     Evidence,
     Hypothesis,
+    conventions,
     gain_of,
     misleading_exposures,
     of_periods,
@@ -152,7 +153,11 @@ def _with_own_axes(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, H
 def _refuse_other_steps(plan: PatternPlan, evidence: Evidence) -> None:
     """Refuse another period than the plan's, and steps of another usual start, which leaves
     coordinates in their cells where these are narrower than the fringes: smooth, and wrong."""
-    for hypothesis in (*of_periods(plan, evidence), *of_steps(plan, evidence, clear=True)):
+    by_code = conventions(evidence)
+    for hypothesis in (
+        *of_periods(plan, evidence, by_code),
+        *of_steps(plan, evidence, by_code, clear=True),
+    ):
         raise FramesContradictPlan(_words([(0.0, hypothesis)]))
 
 
@@ -255,8 +260,9 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
     """Orders that a fault of the capture makes, the likeliest first."""
     labels = plan.labels()
     every = tuple(range(plan.frames))
-    yield from of_periods(plan, evidence)
-    yield from of_steps(plan, evidence, clear=False)
+    by_code = conventions(evidence)
+    yield from of_periods(plan, evidence, by_code)
+    yield from of_steps(plan, evidence, by_code, clear=False)
     yield from of_sets(plan, evidence)
     for a, b in combinations(every, 2):
         places = list(every)

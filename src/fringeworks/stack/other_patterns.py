@@ -11,10 +11,11 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.agreement import LineEvidence, Order, OtherPeriod, OtherSteps
 from fringeworks.stack.set_ratios import periods_by_ratios
-from fringeworks.stack.step_convention import convention, steps_in_words
+from fringeworks.stack.step_convention import Convention, convention, steps_in_words
 from fringeworks.types import Axis, Finding, FloatMap
 
 Evidence = Mapping[Axis, LineEvidence]
+Conventions = Mapping[Axis, Convention | None]
 
 FAR_BETTER = 20.0
 """Smallest gain of another order over the plan, in pixels without a coordinate. Each weighs e^2.4;
@@ -52,11 +53,16 @@ def gain_of(planned: FloatMap, cost: FloatMap, against: float) -> float:
     return better - worse if worse < against * better else 0.0
 
 
-def of_periods(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
+def conventions(evidence: Evidence) -> Conventions:
+    """What the borders of the Gray code of each axis say about its fringes."""
+    return {axis: convention(found.decoding, found.lines) for axis, found in evidence.items()}
+
+
+def of_periods(plan: PatternPlan, evidence: Evidence, by_code: Conventions) -> Iterator[Hypothesis]:
     """Fringes whose period is another, by the borders of the Gray code or by the other sets."""
     every = tuple(range(plan.frames))
     for axis, found in evidence.items():
-        decoding, seen = found.decoding, convention(found.decoding, found.lines)
+        decoding, seen = found.decoding, by_code[axis]
         periods: list[tuple[int, float, str]] = []
         if seen is not None and seen.period_px != seen.planned_px:
             number = [s.period_px for s in decoding.sets].index(seen.planned_px)
@@ -73,12 +79,14 @@ def of_periods(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
             yield Hypothesis(order, "period", words, advice)
 
 
-def of_steps(plan: PatternPlan, evidence: Evidence, *, clear: bool) -> Iterator[Hypothesis]:
+def of_steps(
+    plan: PatternPlan, evidence: Evidence, by_code: Conventions, *, clear: bool
+) -> Iterator[Hypothesis]:
     """Steps with the sign and start that the borders of the Gray code show: along each axis, and
     along both."""
     every, single = tuple(range(plan.frames)), []
     for axis, found in evidence.items():
-        seen = convention(found.decoding, found.lines)
+        seen = by_code[axis]
         if seen is None or seen.steps == (1.0, 0.0) or (clear and not (seen.clear and seen.usual)):
             continue
         words = steps_in_words(found.decoding, seen, plan.labels())

@@ -100,9 +100,11 @@ class Ratio:
 
     @property
     def off(self) -> float:
-        """Deviation of its size from the plan's where it is clear, else 0."""
+        """Deviation of its size from the plan's where it is clear and no larger than a rounded
+        period makes it, else 0: a wrong frame of the set may make more."""
         off = abs(self.value) - 1.0
-        return off if abs(off) > CLEAR_SIGMAS * self.sigma + SYSTEMATIC else 0.0
+        clear = abs(off) > CLEAR_SIGMAS * self.sigma + SYSTEMATIC
+        return off if clear and abs(off) < SEARCHED else 0.0
 
 
 def ratios_of_sets(decoding: Decoding, lines: Lines) -> list[Ratio]:

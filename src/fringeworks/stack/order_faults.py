@@ -155,7 +155,7 @@ def _refuse_other_steps(plan: PatternPlan, evidence: Evidence) -> None:
     coordinates in their cells where these are narrower than the fringes: smooth, and wrong."""
     by_code = conventions(evidence)
     for hypothesis in (
-        *of_periods(plan, evidence, by_code),
+        *of_periods(plan, evidence, by_code, clear=True),
         *of_steps(plan, evidence, by_code, clear=True),
     ):
         raise FramesContradictPlan(_words([(0.0, hypothesis)]))
@@ -261,7 +261,7 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
     labels = plan.labels()
     every = tuple(range(plan.frames))
     by_code = conventions(evidence)
-    yield from of_periods(plan, evidence, by_code)
+    yield from of_periods(plan, evidence, by_code, clear=False)
     yield from of_steps(plan, evidence, by_code, clear=False)
     yield from of_sets(plan, evidence)
     for a, b in combinations(every, 2):

@@ -58,7 +58,9 @@ def conventions(evidence: Evidence) -> Conventions:
     return {axis: convention(found.decoding, found.lines) for axis, found in evidence.items()}
 
 
-def of_periods(plan: PatternPlan, evidence: Evidence, by_code: Conventions) -> Iterator[Hypothesis]:
+def of_periods(
+    plan: PatternPlan, evidence: Evidence, by_code: Conventions, *, clear: bool
+) -> Iterator[Hypothesis]:
     """Fringes whose period is another, by the borders of the Gray code or by the other sets."""
     every = tuple(range(plan.frames))
     for axis, found in evidence.items():
@@ -68,7 +70,9 @@ def of_periods(plan: PatternPlan, evidence: Evidence, by_code: Conventions) -> I
             number = [s.period_px for s in decoding.sets].index(seen.planned_px)
             periods.append((number, seen.period_px, "by the cells of the Gray code"))
         by_sets = "by the turns of all phases from pixel to pixel"
-        periods += [(*one, by_sets) for one in periods_by_ratios(decoding, found.lines)]
+        periods += [
+            (*one, by_sets) for one in periods_by_ratios(decoding, found.lines, clear=clear)
+        ]
         for number, period, how in periods:
             words = (
                 f"the fringes of {decoding.sets[number].period_px:.6g} px along {axis} have "

@@ -51,6 +51,10 @@ ALIKE_TURNS = 0.06
 """Largest scatter of the turns of a set, turns: unrelated phases have 0.37, and those of a set with
 a wrong frame about 0.1."""
 
+CLEAR_TURNS = 0.03
+"""The same for a period that is refused without a look at other causes. Three steps of which one
+has 0.7 times the exposure scatter by 0.04 or more; noise of a tenth of the modulation by 0.02."""
+
 ALIKE_SHARE = 0.6
 """Smallest share of the pairs within that scatter; the others lie across edges of the depth, where
 whole turns of the reference are unknown."""
@@ -97,14 +101,16 @@ class Ratio:
     """1 expected; negative for a set that runs backwards."""
     sigma: float
     """Its standard deviation, with what ripple may add."""
+    skewed: float
+    """What errors that depend on the phase may add: they are not symmetric, and the median of the
+    pairs may be off by their size. Infinite where the turns scatter more than noise makes them."""
 
-    @property
-    def off(self) -> float:
-        """Deviation of its size from the plan's where it is clear and no larger than a rounded
-        period makes it, else 0: a wrong frame of the set may make more."""
+    def off(self, *, clear: bool) -> float:
+        """Deviation of its size from the plan's where it is larger than its error and no larger
+        than a rounded period makes it, else 0; ``clear`` for no other cause that is likely."""
         off = abs(self.value) - 1.0
-        clear = abs(off) > CLEAR_SIGMAS * self.sigma + SYSTEMATIC
-        return off if clear and abs(off) < SEARCHED else 0.0
+        least = CLEAR_SIGMAS * self.sigma + SYSTEMATIC + (self.skewed if clear else 0.0)
+        return off if least < abs(off) < SEARCHED else 0.0
 
 
 def ratios_of_sets(decoding: Decoding, lines: Lines) -> list[Ratio]:
@@ -176,9 +182,9 @@ def _turns(step: FloatMap, lit: BoolMap, lag: int) -> tuple[FloatMap, BoolMap]:
 
 def _rate(
     turned: NDArray[np.complex128], expected: FloatMap, lag: int, fringes: float
-) -> tuple[float, float] | None:
-    """Rate of turned phases over the expected turns, and its standard deviation; None where they
-    are unrelated."""
+) -> tuple[float, float, float] | None:
+    """Rate of turned phases over the expected turns, its standard deviation, and the error by
+    phases that are skewed; None where they are unrelated."""
     if fringes < FEWEST_FRINGES or float(np.mean(expected**2)) < FEWEST_TURNS**2:
         return None
     angles = np.angle(turned) / TURN
@@ -201,7 +207,9 @@ def _rate(
     free = np.count_nonzero(kept) / lag
     sigma = scatter / float(np.sqrt(free * np.mean(expected[kept] ** 2)))
     ripple = (scatter + RIPPLE_RAD / TURN / max(fringes, 1.0)) / max(fringes, 1e-9)
-    return rate, float(np.hypot(sigma, ripple / CLEAR_SIGMAS))
+    skewed = scatter / float(np.sqrt(np.mean(expected[kept] ** 2)))
+    skewed = skewed if scatter < CLEAR_TURNS else float("inf")
+    return rate, float(np.hypot(sigma, ripple / CLEAR_SIGMAS)), skewed
 
 
 def rate_of(
@@ -224,16 +232,16 @@ def rate_of(
     return best, float(lengths.max())
 
 
-def periods_by_ratios(decoding: Decoding, lines: Lines) -> list[tuple[int, float]]:
+def periods_by_ratios(decoding: Decoding, lines: Lines, *, clear: bool) -> list[tuple[int, float]]:
     """Sets that have another period than the plan says, by number, and the period, projector px:
     what explains the ratios of all sets. Of two sets, either one may be it."""
     period = [phases.period_px for phases in decoding.sets]
     found = ratios_of_sets(decoding, lines)
-    off = [ratio for ratio in found if ratio.off]
+    off = [ratio for ratio in found if ratio.off(clear=clear)]
     if not off:
         return []
-    reference, first = off[0].reference, off[0].off
-    common = all(abs(ratio.off - first) < SAME_RATIO * abs(first) for ratio in off)
+    reference, first = off[0].reference, off[0].off(clear=clear)
+    common = all(abs(ratio.off(clear=clear) - first) < SAME_RATIO * abs(first) for ratio in off)
     periods = [(r.of_set, period[r.of_set] / abs(r.value)) for r in off]
     if len(off) == len(found) and common:
         scale = float(np.mean([abs(ratio.value) for ratio in off]))

@@ -108,7 +108,7 @@ class Convention:
     @property
     def start_error(self) -> float:
         """Standard deviation of the start, turns."""
-        return self.scatter_turns / self.borders**0.5 + BORDER_PX * self.turns_per_px
+        return float(self.scatter_turns / self.borders**0.5 + BORDER_PX * self.turns_per_px)
 
     def fitting_deg(self, shifts_rad: tuple[float, ...]) -> list[float]:
         """The steps that the frames show, degrees, 0…360."""

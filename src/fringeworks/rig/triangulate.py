@@ -28,6 +28,7 @@ from fringeworks.types import (
     sealed,
     unsealed,
 )
+from fringeworks.types.finding import LEFT_OUT
 
 FIELDS = {
     "xyz": "xyz_mm",
@@ -329,7 +330,9 @@ def _chosen(decoded: Decoded, rig: Rig, axis: Axis | None) -> dict[Axis, Coordin
                 f"rig: it is for a projector of {projector.width_px} × {projector.height_px} px, "
                 f"got coordinates up to {np.nanmax(rows):.0f} along {name}"
             )
-    return maps
+    # An axis of which nothing is measured must not take the points of the other.
+    left_out = {f.axis for f in decoded.findings if f.kind == LEFT_OUT}
+    return {name: found for name, found in maps.items() if name not in left_out} or maps
 
 
 def _cloud(

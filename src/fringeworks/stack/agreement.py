@@ -55,8 +55,14 @@ NOISE_RESIDUAL = 4.0
 """Variance of a residual that begins to cost, over that of the noise: two standard deviations."""
 
 MISSING = 0.1
-"""Cost of a bit that is tried dark and bright, per pixel: ln 2 where it changes, which is at one
-pixel of three, over the 2.4 of a pixel without a coordinate."""
+"""Cost of the finest bit that is tried dark and bright, per pixel: ln 2 where it changes, which is
+at one pixel of three, over the 2.4 of a pixel without a coordinate."""
+
+SELDOM = 0.1
+"""Least share of that cost: of bits that change at few pixels."""
+
+FEWEST_BRIGHT = 2
+"""Fewest other bright frames of a pixel that the light of one is compared with."""
 
 UNEXPLAINED = 1.0
 """Cost of a frame of the stack that an order has no use for and that shows light: that of a pixel
@@ -136,6 +142,35 @@ def _sharpest(phases: PhaseFrames) -> tuple[float, float]:
     return line_ripple(share, steps, residual), residual
 
 
+def _shown(order: Order, pattern: int) -> bool:
+    """Whether an order has a frame for a pattern."""
+    return pattern >= len(order.places) or order.places[pattern] is not None
+
+
+@dataclass(frozen=True)
+class OtherSteps:
+    """Sign and start of steps that differ from the plan's."""
+
+    axis: Axis
+    sign: float
+    """1, or −1 for steps that run backwards."""
+    start: float
+    """Start of the steps, turns."""
+    of_set: int | None = None
+    """Number of the set along the axis that takes these steps; None for all."""
+
+
+@dataclass(frozen=True)
+class OtherPeriod:
+    """Period of a set that differs from the plan's."""
+
+    axis: Axis
+    of_set: int
+    """Number of the set along the axis."""
+    px: float
+    """The period, projector px."""
+
+
 @dataclass(frozen=True)
 class Order:
     """A hypothesis: which frame of the stack shows which pattern of the plan."""
@@ -148,12 +183,12 @@ class Order:
     """First frame of the stack that sees the scene moved."""
     moved_px: int = 0
     """Shift of the image since then along the lines, camera px."""
-    steps: tuple[float, float] = (1.0, 0.0)
-    """Sign and start of the steps, ± 1 and turns."""
-    axis: Axis | None = None
-    """Axis of these steps."""
-    of_set: int | None = None
-    """Number of the set along the axis that takes these steps; None for all."""
+    steps: tuple[OtherSteps, ...] = ()
+    """Steps that differ from the plan's."""
+    exposure: tuple[int, float] | None = None
+    """A frame of the stack whose exposure is another, and how many times that of the others."""
+    period: OtherPeriod | None = None
+    """A period that differs from the plan's."""
 
 
 @dataclass(frozen=True)
@@ -207,6 +242,19 @@ class LineEvidence:
         shares = self.shares(frame)
         return quantile(shares, 0.95) - quantile(shares, 0.05) > CONTRAST
 
+    def exposure(self, frame: int, others: tuple[int, ...]) -> float:
+        """Light of a frame over that of others, where all of these are bright; NaN where no pixels
+        show it."""
+        middle = 0.5 * (self.low + self.high)
+        lines = np.stack([_finite(self.lines[k]) for k in others])
+        bright = np.where(lines > middle, lines, np.nan)
+        seen = self.voters & (_finite(self.lines[frame]) > middle)
+        seen &= np.count_nonzero(lines > middle, axis=0) >= FEWEST_BRIGHT
+        if np.count_nonzero(seen) < MIN_JUDGED_PIXELS:
+            return float("nan")
+        usual = np.nanmedian(bright[:, seen], axis=0)
+        return quantile(_finite(self.lines[frame])[seen] / usual, 0.5)
+
     def difference(self, frame: int, other: int) -> float:
         """Mean difference of two frames beyond noise, over the range of the pixels; infinite where
         noise hides it."""
@@ -229,12 +277,19 @@ class LineEvidence:
             return False
         cost, maps = self._cost(self.decoding, [self._planned])
         known, bend = self._known(maps), self._bend([maps])
-        if np.count_nonzero(bend[known] >= 1.0) > JUMPS * np.count_nonzero(known):
+        if self.jumps:
             return True
         if "apart" in maps and float(np.mean(maps["apart"][self.triples])) > LEAST_APART:
             return True
         rough = [float(np.mean(part[self.triples])) for part in (cost, maps.get("astray", cost))]
         return max(rough) > ROUGH or self._rough_bit(maps["coordinate"], bend, known)
+
+    @property
+    def jumps(self) -> bool:
+        """Whether coordinates of frames as planned jump at more places than depth edges make."""
+        _, maps = self._cost(self.decoding, [self._planned])
+        known, bend = self._known(maps), self._bend([maps])
+        return bool(np.count_nonzero(bend[known] >= 1.0) > JUMPS * np.count_nonzero(known))
 
     @property
     def unrelated(self) -> str:
@@ -321,8 +376,16 @@ class LineEvidence:
         if options is None:
             return None
         cost, _ = self._cost(self._with_steps(order), options)
-        penalty = MISSING * (len(options) - 1) + UNEXPLAINED * self._unexplained(order)
-        return cost[self.triples] + penalty
+        missing = self._missing(order) * (len(options) - 1)
+        return cost[self.triples] + missing + UNEXPLAINED * self._unexplained(order)
+
+    def _missing(self, order: Order) -> float:
+        """Cost per pixel of a bit that is tried dark and bright: coarse bits change at few."""
+        gray = self.decoding.gray
+        if gray is None:
+            return MISSING
+        coarser = [len(gray.bits) - 1 - n for n, k in enumerate(gray.bits) if not _shown(order, k)]
+        return MISSING * max(0.5 ** min(coarser, default=0), SELDOM)
 
     def _cost(
         self, decoding: Decoding, options: list[list[NDArray[Any]]]
@@ -379,15 +442,15 @@ class LineEvidence:
         return self._seen[frame]
 
     def _with_steps(self, order: Order) -> Decoding:
-        sign, start = order.steps
-        if order.axis != self.decoding.axis:
+        others = [o for o in order.steps if o.axis == self.decoding.axis]
+        if not others:
             return self.decoding
-        sets = [
-            replace(s, shifts_rad=tuple(sign * (d - TURN * start) for d in s.shifts_rad))
-            if order.of_set in (None, k)
-            else s
-            for k, s in enumerate(self.decoding.sets)
-        ]
+        sets = list(self.decoding.sets)
+        for other in others:
+            for k, s in enumerate(sets):
+                if other.of_set in (None, k):
+                    shifts = (other.sign * (d - TURN * other.start) for d in s.shifts_rad)
+                    sets[k] = replace(s, shifts_rad=tuple(shifts))
         return replace(self.decoding, sets=tuple(sets))
 
     def _bend(self, options: list[dict[str, Any]]) -> FloatMap:
@@ -490,6 +553,8 @@ class LineEvidence:
         plane = self.lines[place]
         if order.moved_px and place >= order.since:
             plane = np.roll(plane, -order.moved_px, axis=1)
+        if order.exposure is not None and place == order.exposure[0]:
+            plane = plane / order.exposure[1]
         return self.low + self.high - plane if pattern in order.inverted else plane
 
     def _predict(self, phases: PhaseFrames, shown: dict[int, NDArray[Any] | None]) -> bool:

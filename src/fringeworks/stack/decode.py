@@ -41,7 +41,7 @@ from fringeworks.stack.local_errors import inflation
 from fringeworks.stack.neighbours import maps_of_votes, vote
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.refine import Refined
-from fringeworks.stack.refusal import refuse_nothing_measured, saturation_first
+from fringeworks.stack.refusal import saturation_first, without_lacking_axes
 from fringeworks.stack.sample import take_sample
 from fringeworks.statistics.surface_scatter import cover_scatter
 from fringeworks.types import (
@@ -178,8 +178,7 @@ def decode(
         out=out,
     )
     with saturation_first(findings.findings):
-        refuse_nothing_measured(decoded, findings.axes)
-    return decoded
+        return without_lacking_axes(decoded, findings.axes)
 
 
 def judge(

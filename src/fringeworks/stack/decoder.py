@@ -25,7 +25,7 @@ from fringeworks.stack.examine import Judgement
 from fringeworks.stack.frames import Planes, check_frames, readable
 from fringeworks.stack.gray_light import plan_with_light, with_light
 from fringeworks.stack.options import DecodeOptions
-from fringeworks.stack.refusal import refuse_nothing_measured, saturation_first
+from fringeworks.stack.refusal import leave_out, saturation_first, without_lacking_axes
 from fringeworks.types import (
     MOST_PX,
     Axis,
@@ -41,6 +41,7 @@ from fringeworks.types import (
     RigMismatch,
     whole,
 )
+from fringeworks.types.finding import LEFT_OUT
 
 JUDGE_EVERY = 25
 """Every so many stacks the frames are judged again: about once a second in live measurement."""
@@ -129,6 +130,8 @@ class Decoder:
         self._triangulator = None if rig is None else Triangulator(rig)
         self._found: Judgement | None = None
         self._judged, self._ambiguous = False, 0
+        self._left_out: set[Axis | None] = set()
+        """Axes of which hardly a pixel can be measured."""
         self._kernels: dict[Axis, _core.DecodeSettings] = {}
         self._typical_px: dict[Axis, float] = {}
         self._epipolar_px = 0.0
@@ -218,7 +221,8 @@ class Decoder:
     def _points(self, planes: Planes, triangulator: Triangulator) -> PointCloud:
         """Measure the points of checked frames."""
         found = self._found
-        if self._since == 0 or found is None or self._depth or not _in_one_pass(found):
+        whole = found is not None and _in_one_pass(found) and not self._left_out
+        if self._since == 0 or self._depth or not whole:
             judged = self._since == 0
             decoded = self._coordinates(planes)
             self._cloud = triangulator.triangulate(
@@ -260,7 +264,7 @@ class Decoder:
         """By how much neighbours raise the noise of every pixel of a judged stack, (h, w); None
         where they do not, or where points are not measured in one pass."""
         found = self._found
-        if found is None or self._depth or not _in_one_pass(found):
+        if found is None or self._depth or self._left_out or not _in_one_pass(found):
             return None
         raising = (
             a.scatters or a.steps or a.pull_px or a.most_blur_px2 for a in found.axes.values()
@@ -314,11 +318,17 @@ class Decoder:
         judged = self._since == 0
         if judged:
             with saturation_first(self._found.findings):
-                refuse_nothing_measured(self._decoded, self._found.axes)
+                self._decoded = without_lacking_axes(self._decoded, self._found.axes)
+            left_out = {f.axis for f in self._decoded.findings if f.kind == LEFT_OUT}
+            if left_out != self._left_out:
+                self._left_out, self._cloud = left_out, None  # points of other axes
+        for axis in self._left_out:
+            if not judged and axis is not None:
+                leave_out(self._decoded.maps[axis])
         decoded = self._decoded if self._depth is None else self._depth.resolve(self._decoded)
         if judged:
             maps = decoded.maps
-            if self._triangulator is not None and len(maps) == 2:
+            if self._triangulator is not None and len(maps) == 2 and not self._left_out:
                 self._epipolar_px = calibration_share(self._triangulator.rig, maps)
             self._ambiguous = _ambiguous([found.reason for found in maps.values()])
         self._count(judged=judged)

@@ -17,6 +17,7 @@ from fringeworks.stack.gray_frames import refuse_unequal_levels, resolution
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.noise import measure_noise, neighbour_noise, spatial_noise, usable
 from fringeworks.stack.order_faults import refuse_order_faults, refuse_unrelated
+from fringeworks.stack.other_patterns import other_exposures
 from fringeworks.stack.real_frames import RealFrames, design_rows, fit_frames
 from fringeworks.stack.refine import Refined, refined
 from fringeworks.stack.refusal import saturation_first
@@ -174,7 +175,7 @@ def _ordered(
     for axis, decoding in decodings.items():
         findings += words.unresolved(decoding, coarse[axis], plan.labels())
         findings += words.beyond_projector(coarse[axis], plan)
-    _check_order(plan, sample, coarse, known)
+    findings += _check_order(plan, sample, coarse, known)
     return {axis: _by_resolved_cells(d, coarse[axis]) for axis, d in decodings.items()}
 
 
@@ -263,8 +264,8 @@ def _degrees(phases: PhaseFrames) -> list[float]:
 
 def _check_order(
     plan: PatternPlan, sample: Sample, decodings: dict[Axis, Decoding], known: Known
-) -> None:
-    """Refuse frames in a wrong order.
+) -> list[Finding]:
+    """Refuse frames in a wrong order; the exposures that differ are findings.
 
     A response that is not linear may bend the phases so far that orders contradict each other, too:
     where no fault explains that, the frames are judged without it.
@@ -276,13 +277,16 @@ def _check_order(
             for axis, decoding in tried.items()
         }
 
-    if not refuse_order_faults(plan, evidence(decodings)):
-        return
+    planned = evidence(decodings)
+    if not refuse_order_faults(plan, planned):
+        return []
+    exposures = list(other_exposures(plan, planned))
     if known.estimate_steps:
         decodings = {
             axis: _straight(decoding, sample, known) for axis, decoding in decodings.items()
         }
     refuse_unrelated(evidence(decodings))
+    return exposures
 
 
 def _straight(decoding: Decoding, sample: Sample, known: Known) -> Decoding:

@@ -53,6 +53,18 @@ def times(matrix: FloatMap, values: FloatMap) -> FloatMap:
     return np.asarray(np.einsum("ij,jn->in", matrix, values))
 
 
+def wave_of(
+    phases: PhaseFrames, planes: Sequence[NDArray[Any]]
+) -> tuple[FloatMap, NDArray[np.complex128]]:
+    """Background and complex modulation of a set's frames, both of the shape of a frame; NaN where
+    a sample is not finite."""
+    data = np.stack([plane.astype(np.float64) for plane in planes])
+    data = np.where(np.isfinite(data), data, np.nan)
+    solver: Any = fit_matrices(phases.rows)[1]
+    a, c, s = times(solver, data.reshape(len(data), -1)).reshape(3, *data.shape[1:])
+    return a, c + 1j * s
+
+
 def gram(rows: FloatMap) -> FloatMap:
     """Return rows @ rows.T without BLAS, for few long rows."""
     return _core.gram(np.ascontiguousarray(rows))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import lru_cache
 from itertools import combinations
 
@@ -11,27 +11,30 @@ import numpy as np
 
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, step_design
-from fringeworks.stack.agreement import SAME, LineEvidence, Order
+from fringeworks.stack.agreement import DARK, SAME, LineEvidence, Order
 from fringeworks.stack.kernel_settings import decoding_of
+from fringeworks.stack.late_rows import refuse_late_rows
 from fringeworks.stack.other_orders import orders_of_other_programs
-from fringeworks.stack.step_convention import convention, steps_in_words
+from fringeworks.stack.other_patterns import (
+    AGAINST,
+    FAR_BETTER,
+    Evidence,
+    Hypothesis,
+    conventions,
+    gain_of,
+    misleading_exposures,
+    of_periods,
+    of_sets,
+    of_steps,
+)
 from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import Axis, FloatMap, FramesContradictPlan, InputError
-
-Evidence = Mapping[Axis, LineEvidence]
 
 LAGS = (1, -1, 2, -2, 3, -3)
 """Numbers of frames by which a whole stack may be late or early, the likeliest first."""
 
 MOVES_PX = (1, -1, 2, -2)
 """Shifts of the image between two blocks that are tried, camera px."""
-
-FAR_BETTER = 20.0
-"""Smallest gain of another order over the plan, in pixels without a coordinate. Each weighs e^2.4;
-the value allows that some ten neighbours vote alike."""
-
-AGAINST = 0.25
-"""Largest share of the gain that other pixels may lose."""
 
 WORTH = 0.1
 """Smallest gain of a scene that moved, or of steps with an unusual start, as a share of the pixels.
@@ -53,9 +56,6 @@ REPEATED = 0.3
 BENT = 2.2
 """Exponent of a projector's response (γ) up to which a set predicts a step without it."""
 
-SET_STEPS = tuple((s, q / 4.0) for s in (1.0, -1.0) for q in range(4) if (s, q) != (1.0, 0))
-"""Signs and starts, in turns, that other programs give the steps of a set."""
-
 PHASES = 361
 """Number of phases at which that error is looked for."""
 
@@ -67,22 +67,8 @@ OWN_AXES = 0.5
 """An order that exchanges the axes is not named where one that keeps them has more than this share
 of its gain. Where the axes are kept, that share is 0.6 or more in simulations."""
 
-PREFERRED = ("steps", "", "set", "moved", "start")
+PREFERRED = ("period", "steps", "sets", "", "set", "moved", "start")
 """Kinds of explanations in the order in which equally good ones are named; "" stands for others."""
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """An order of the frames, and the fault that would make it."""
-
-    order: Order
-    kind: str
-    words: str
-    advice: str = ""
-    changes: int = 0
-    """Number of conventions that differ from the plan's, for an order of another program."""
-    exchanged: bool = False
-    """Whether columns and rows change places."""
 
 
 def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
@@ -106,6 +92,7 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
         shows nothing or repeats another.
     """
     if not any(found.suspicious() for found in evidence.values()):
+        refuse_late_rows(plan, evidence)
         _refuse_other_steps(plan, evidence)
         return False
     planned = _cost(plan, Order(tuple(range(plan.frames))), evidence)
@@ -114,23 +101,23 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
     repeated = _repeated(plan, evidence)
     if repeated and repeated[0] < plan.frames - 1:
         raise FramesContradictPlan(_repeats_in_words(plan, repeated[0]))
-    found: list[tuple[float, Hypothesis]] = []
+    fitting: list[tuple[float, Hypothesis]] = []
     for hypothesis in _hypotheses(plan, evidence):
         cost = _cost(plan, hypothesis.order, evidence)
         if cost is None or cost.size != planned.size or float(np.mean(cost)) > FITS:
             continue
-        gain = planned - cost
-        better, worse = float(np.sum(np.fmax(gain, 0.0))), float(-np.sum(np.fmin(gain, 0.0)))
         least = FAR_BETTER if hypothesis.kind not in ("moved", "start") else WORTH * planned.size
         against = AGAINST if None not in hypothesis.order.places else AGAINST_UNSEEN
-        if better - worse > max(least, FAR_BETTER) and worse < against * better:
-            found.append((better - worse, hypothesis))
-    found = _with_own_axes(_with_one_start(found))
-    if found:
+        gain = gain_of(planned, cost, against)
+        if gain > max(least, FAR_BETTER):
+            fitting.append((gain, hypothesis))
+    fitting = _with_own_axes(_with_one_start(fitting))
+    if fitting:
         also = f"; {_repeats_in_words(plan, repeated[0])}" if repeated else ""
-        raise FramesContradictPlan(_words(found) + also)
+        raise FramesContradictPlan(_words(fitting) + also)
     if repeated:
         raise FramesContradictPlan(_repeats_in_words(plan, repeated[0]))
+    refuse_late_rows(plan, evidence)
     _refuse_other_steps(plan, evidence)
     _refuse_no_pattern(plan, evidence, planned)
     return True
@@ -140,12 +127,16 @@ def _with_one_start(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, 
     """The explanations without those by the start of a set of which several fit as well: such a
     set has other fringes, not another start."""
     starts: dict[tuple[object, ...], list[float]] = {}
+
+    def of(h: Hypothesis) -> tuple[object, ...]:
+        return tuple((o.axis, o.of_set, o.sign) for o in h.order.steps)
+
     for gain, h in found:
         if h.kind == "set":
-            starts.setdefault((h.order.axis, h.order.of_set, h.order.steps[0]), []).append(gain)
+            starts.setdefault(of(h), []).append(gain)
 
     def vague(h: Hypothesis) -> bool:
-        gains = sorted(starts.get((h.order.axis, h.order.of_set, h.order.steps[0]), []))
+        gains = sorted(starts.get(of(h), []))
         return len(gains) > 1 and gains[-2] > (1.0 - EQUALLY_GOOD) * gains[-1]
 
     return [(gain, h) for gain, h in found if h.kind != "set" or not vague(h)]
@@ -160,38 +151,14 @@ def _with_own_axes(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, H
 
 
 def _refuse_other_steps(plan: PatternPlan, evidence: Evidence) -> None:
-    """Refuse steps of another usual start than the plan's, which leaves coordinates in their cells
-    where these are narrower than the fringes: smooth, and wrong all over."""
-    for hypothesis in _of_steps(plan, evidence, clear=True):
+    """Refuse another period than the plan's, and steps of another usual start, which leaves
+    coordinates in their cells where these are narrower than the fringes: smooth, and wrong."""
+    by_code = conventions(evidence)
+    for hypothesis in (
+        *of_periods(plan, evidence, by_code, clear=True),
+        *of_steps(plan, evidence, by_code, clear=True),
+    ):
         raise FramesContradictPlan(_words([(0.0, hypothesis)]))
-
-
-def _of_steps(plan: PatternPlan, evidence: Evidence, *, clear: bool) -> Iterator[Hypothesis]:
-    """Steps with the sign and start that the borders of the Gray code show."""
-    every = tuple(range(plan.frames))
-    for axis, found in evidence.items():
-        seen = convention(found.decoding, found.lines)
-        if seen is None or seen.steps == (1.0, 0.0) or (clear and not (seen.clear and seen.usual)):
-            continue
-        words = steps_in_words(found.decoding, seen, plan.labels())
-        order = Order(every, axis=axis, steps=seen.steps)
-        yield Hypothesis(order, "steps" if seen.usual else "start", *words)
-
-
-def _of_one_set(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
-    """Steps of one of several sets that run backwards, or start at a quarter of a turn."""
-    every, labels = tuple(range(plan.frames)), plan.labels()
-    for axis, found in evidence.items():
-        sets = found.decoding.sets if len(found.decoding.sets) > 1 else ()
-        for k, phases in enumerate(sets):
-            for sign, start in SET_STEPS:
-                steps = [np.degrees(sign * (d - TURN * start)) % 360.0 for d in phases.shifts_rad]
-                words = (
-                    f"the set from {labels[phases.frames[0]]} on has another sign or start of its "
-                    f"steps than the plan says (they fit {', '.join(f'{d:.0f}°' for d in steps)})"
-                )
-                order = Order(every, axis=axis, steps=(sign, start), of_set=k)
-                yield Hypothesis(order, "set", words)
 
 
 def refuse_unrelated(evidence: Evidence) -> None:
@@ -221,6 +188,9 @@ def _axis_cost(
     plan: PatternPlan, order: Order, axis: Axis, evidence: LineEvidence
 ) -> FloatMap | None:
     """Cost along an axis; of the other sets where hardly a step of a set is left."""
+    period = order.period
+    if period is not None and period.axis == axis:
+        return _cost_of_period(plan, order, axis, evidence)
     lost = [
         block
         for first, block in plan.phase_sets(axis)
@@ -242,6 +212,22 @@ def _axis_cost(
     except InputError:
         return None
     return replace(evidence, decoding=decoding).cost(replace(order, places=tuple(places)))
+
+
+def _cost_of_period(
+    plan: PatternPlan, order: Order, axis: Axis, evidence: LineEvidence
+) -> FloatMap | None:
+    """Cost along an axis of which a set has another period; None where the plan cannot have it."""
+    assert order.period is not None
+    _, changed = plan.phase_sets(axis)[order.period.of_set]
+    blocks = [replace(b, period_px=order.period.px) if b is changed else b for _, b in plan.placed]
+    gray = evidence.decoding.gray
+    try:
+        other = replace(plan, blocks=tuple(blocks))
+        decoding = decoding_of(other, axis, absolute=evidence.decoding.absolute, response=None)
+    except InputError:
+        return None
+    return replace(evidence, decoding=replace(decoding, gray=gray)).cost(order)
 
 
 def _words(found: list[tuple[float, Hypothesis]]) -> str:
@@ -274,8 +260,10 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
     """Orders that a fault of the capture makes, the likeliest first."""
     labels = plan.labels()
     every = tuple(range(plan.frames))
-    yield from _of_steps(plan, evidence, clear=False)
-    yield from _of_one_set(plan, evidence)
+    by_code = conventions(evidence)
+    yield from of_periods(plan, evidence, by_code, clear=False)
+    yield from of_steps(plan, evidence, by_code, clear=False)
+    yield from of_sets(plan, evidence)
     for a, b in combinations(every, 2):
         places = list(every)
         places[a], places[b] = b, a
@@ -285,19 +273,16 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
     words, both = "the last frame comes first, and so on", len(plan.axes) > 1
     yield Hypothesis(Order(every[::-1]), "reversed", words, exchanged=both)
     for k in range(plan.frames - 1 + _next_scan(plan, evidence)):
-        words = f"{labels[k]} seems to be lost"
+        words = f"{labels[k]} seems to be lost, or was never shown"
         yield Hypothesis(Order((*every[:k], None, *every[k:-1])), "lost", words)
     yield from _codes(plan)
     for other in orders_of_other_programs(plan):
         order = Order(other.places, inverted=other.inverted)
         yield Hypothesis(order, "order", other.words, other.advice, other.changes, other.exchanged)
-    for first, block in plan.placed:
-        for k in range(first, first + block.frames):
-            if isinstance(block, GrayCode) and _empty(evidence, k):
-                if block.inverse and _opposite(evidence, k, first + ((k - first) ^ 1)):
-                    continue  # the scene lies in one stripe of this bit
-                order = Order((*every[:k], None, *every[k + 1 :]))
-                yield Hypothesis(order, "empty", f"frame {_no_pattern_in_words(labels[k])}")
+    for k in _dark_or_bright(plan, evidence):
+        order = Order((*every[:k], None, *every[k + 1 :]))
+        yield Hypothesis(order, "empty", f"frame {_no_pattern_in_words(labels[k])}")
+    yield from misleading_exposures(plan, evidence)
     for first, block in plan.placed:
         if first and block.frames > 1:
             for px in MOVES_PX:
@@ -305,6 +290,21 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
                     f"the camera or the scene moved by about {abs(px)} px before {labels[first]}"
                 )
                 yield Hypothesis(Order(every, since=first, moved_px=px), "moved", words)
+
+
+def _dark_or_bright(plan: PatternPlan, evidence: Evidence) -> Iterator[int]:
+    """Bits that are dark, or bright, all over the lines, and a white frame that is dark."""
+    for first, block in plan.placed:
+        for k in range(first, first + block.frames):
+            if block == Uniform("white") and all(
+                quantile(found.shares(k), 0.95) < DARK for found in evidence.values()
+            ):
+                yield k
+            if not isinstance(block, GrayCode) or not _empty(evidence, k):
+                continue
+            if block.inverse and _opposite(evidence, k, first + ((k - first) ^ 1)):
+                continue  # the scene lies in one stripe of this bit
+            yield k
 
 
 def _late(n: int, labels: list[str]) -> Iterator[Hypothesis]:

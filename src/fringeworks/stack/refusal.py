@@ -1,9 +1,10 @@
-"""Refusal of a stack of which hardly a pixel can be measured, with the figures that explain it."""
+"""Stacks, and axes of them, of which hardly a pixel can be measured, and why."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,7 +22,10 @@ from fringeworks.types import (
     Reason,
     count_reasons,
     explained,
+    sealed,
+    unsealed,
 )
+from fringeworks.types.finding import LEFT_OUT
 
 MIN_MEASURED = 0.02
 """Share of the pixels with fringes that must be measured, at least. The few that pass every test
@@ -44,37 +48,85 @@ def saturation_first(findings: Sequence[Finding]) -> Iterator[None]:
         raise type(error)(message, findings=(*findings, *error.findings)) from error
 
 
-def refuse_nothing_measured(decoded: Decoded, axes: Mapping[Axis, Refined]) -> None:
-    """Refuse a stack of which hardly a pixel that shows fringes can be measured.
+def without_lacking_axes(decoded: Decoded, axes: Mapping[Axis, Refined]) -> Decoded:
+    """Leave out axes of which hardly a pixel that shows fringes can be measured.
 
     Parameters
     ----------
     decoded : Decoded
-        With the orders that neighbours have voted for.
+        With the orders that neighbours have voted for. Its maps of these axes are overwritten.
     axes : decoding of each axis, with the disagreement of its sets
+
+    Returns
+    -------
+    Decoded
+        With a finding for every axis that is left out: all of its pixels are NaN.
 
     Raises
     ------
     InputError
-        With the reasons, the margin that the plan lacks, and what was found.
+        Where no axis is left, with the reasons, the margin that the plan lacks, and what was found.
     """
-    for axis, found in decoded.maps.items():
-        measured = found.reason.size - np.count_nonzero(found.reason)
-        if measured > MIN_MEASURED * found.reason.size:
-            continue  # counting the rest takes time
-        ambiguous = np.count_nonzero(found.reason == Reason.ORDER_AMBIGUOUS)
-        if measured > MIN_MEASURED * (measured + ambiguous):
-            continue
-        reasons = ", ".join(
-            f"{100.0 * count / found.reason.size:.0f} % {name}"
-            for name, count in count_reasons(found.reason).items()
-        )
-        lacking = _lacking_margin(found, axes[axis].decoding, decoded.noise)
+    lacking = {
+        axis: _lacking_in_words(axis, found, axes[axis], decoded.noise)
+        for axis, found in decoded.maps.items()
+        if _hardly_measured(found)
+    }
+    if not lacking:
+        return decoded
+    if len(lacking) == len(decoded.maps):
         raise InputError(
-            f"frames along {axis}: expected pixels that can be measured, "
-            f"got {'hardly any' if measured else 'none'}: {reasons}{lacking}",
+            "; ".join(f"frames {words}" for words in lacking.values()),
             findings=(*decoded.findings, *unmeasured(decoded)),
         )
+    for axis in lacking:
+        leave_out(decoded.maps[axis])
+    findings = tuple(
+        Finding(
+            LEFT_OUT,
+            words,
+            advice="the other axis is measured; take this one with more light or another plan",
+            axis=axis,
+        )
+        for axis, words in lacking.items()
+    )
+    return replace(decoded, findings=(*decoded.findings, *findings))
+
+
+def leave_out(found: CoordinateMap) -> None:
+    """Set the pixels of a map that are measured to NaN, with ``ORDER_AMBIGUOUS``."""
+    measured = found.reason == Reason.OK
+    for array, value in (
+        (found.coordinate_px, np.nan),
+        (found.sigma_px, np.nan),
+        (found.reason, Reason.ORDER_AMBIGUOUS),
+    ):
+        unsealed(array)[measured] = value
+        sealed(array)
+
+
+def _hardly_measured(found: CoordinateMap) -> bool:
+    """Whether hardly a pixel that shows fringes is measured."""
+    measured = found.reason.size - np.count_nonzero(found.reason)
+    if measured > MIN_MEASURED * found.reason.size:
+        return False  # counting the rest takes time
+    ambiguous = np.count_nonzero(found.reason == Reason.ORDER_AMBIGUOUS)
+    return bool(measured <= MIN_MEASURED * (measured + ambiguous))
+
+
+def _lacking_in_words(
+    axis: Axis, found: CoordinateMap, refined: Refined, noise: CameraNoise
+) -> str:
+    """What keeps the pixels of an axis from being measured."""
+    reasons = ", ".join(
+        f"{100.0 * count / found.reason.size:.0f} % {name}"
+        for name, count in count_reasons(found.reason).items()
+    )
+    got = "none" if found.reason.all() else "hardly any"
+    return (
+        f"along {axis}: expected pixels that can be measured, got {got}: {reasons}"
+        f"{_lacking_margin(found, refined.decoding, noise)}"
+    )
 
 
 def _lacking_margin(found: CoordinateMap, decoding: Decoding, noise: CameraNoise) -> str:

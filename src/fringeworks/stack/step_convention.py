@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import TURN
-from fringeworks.stack.fits import fit_matrices, times
+from fringeworks.stack.fits import wave_of
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
 from fringeworks.stack.sample import Lines
+from fringeworks.stack.set_ratios import SEARCHED, rate_of
 from fringeworks.types import BoolMap, FloatMap
 
 FIRM = 0.2
@@ -41,6 +42,10 @@ blur bends, and of a threshold beside the middle. Borders fall anywhere between 
 either side may be bright, so most of it averages out. An empirical choice."""
 SMALLEST = 1e-9
 """Smallest length of a mean direction, so that its logarithm exists."""
+AGAINST_SIGMAS = 4.0
+"""Standard deviations by which the phase clearly runs against the code: 16 borders that agree."""
+MOST_BORDERS = 2000
+"""Borders that the period is looked for with, at most."""
 CLEAR_SIGMAS = 5.0
 """Standard deviations by which a start differs clearly from the plan's."""
 
@@ -52,7 +57,7 @@ class Convention:
     borders: int
     """Number of borders that were used."""
     direction: float
-    """Mean direction of the phase: 1 along the code, −1 against it."""
+    """Direction of the phase: 1 along the code, −1 against it."""
     start_turns: float
     """Phase at coordinate 0 px in the direction that the phase has, turns, −0.5…0.5; 0 expected."""
     scatter_turns: float
@@ -62,7 +67,9 @@ class Convention:
     frames: int
     """Number of steps of the set."""
     period_px: float
-    """Period of the set, projector px."""
+    """Period of the set, projector px: the plan's, or the one that the borders clearly show."""
+    planned_px: float
+    """Period of the set in the plan, projector px."""
 
     @property
     def offset_px(self) -> float:
@@ -72,7 +79,7 @@ class Convention:
     @property
     def steps(self) -> tuple[float, float]:
         """Sign and start of the steps, ± 1 and turns: a usual start where one is near."""
-        start = self._usual_start if self._near_usual else self.start_turns
+        start = self.usual_start if self._near_usual else self.start_turns
         return (-1.0 if self.direction < 0.0 else 1.0), start - float(np.rint(start))
 
     @property
@@ -83,20 +90,25 @@ class Convention:
 
     @property
     def _near_usual(self) -> bool:
-        return bool(abs(self.start_turns - self._usual_start) < SNAP_TURNS)
+        return bool(abs(self.start_turns - self.usual_start) < SNAP_TURNS)
 
     @property
-    def _usual_start(self) -> float:
+    def usual_start(self) -> float:
+        """The nearest start that programs use, turns."""
         starts = [round(self.start_turns * n) / n for n in (QUARTERS, self.frames)]
-        return min(starts, key=lambda start: abs(start - self.start_turns))
+        return float(min(starts, key=lambda start: abs(start - self.start_turns)))
 
     @property
     def clear(self) -> bool:
         """Whether the borders agree that the start is another one than the plan's."""
         if self.borders < FEWEST or self.scatter_turns > ALIKE_TURNS:
             return False
-        error = self.scatter_turns / self.borders**0.5 + BORDER_PX * self.turns_per_px
-        return bool(abs(self.start_turns) > CLEAR_SIGMAS * error)
+        return bool(abs(self.start_turns) > CLEAR_SIGMAS * self.start_error)
+
+    @property
+    def start_error(self) -> float:
+        """Standard deviation of the start, turns."""
+        return float(self.scatter_turns / self.borders**0.5 + BORDER_PX * self.turns_per_px)
 
     def fitting_deg(self, shifts_rad: tuple[float, ...]) -> list[float]:
         """The steps that the frames show, degrees, 0…360."""
@@ -122,7 +134,7 @@ def convention(decoding: Decoding, lines: Lines) -> Convention | None:
     if gray is None or gray.levels != 2 or not decoding.sets:
         return None
     phases = min(decoding.sets, key=lambda s: abs(float(np.log(s.period_px / gray.step_px))))
-    offset, wave = _fitted(phases, lines)
+    offset, wave = wave_of(phases, [lines[k] for k in phases.frames])
     signed, lit = _bits(gray, lines, offset, np.abs(wave))
     row, column, place, coordinate, direction = _borders(gray, signed, lit)
     # Pixels that come from outside of a moved frame have no phase.
@@ -132,15 +144,56 @@ def convention(decoding: Decoding, lines: Lines) -> Convention | None:
     )
     left, right = wave[row, column], wave[row, column + 1]
     along = np.angle(right * np.conj(left)) * direction
-    runs = float(np.mean(np.sign(along))) if along.size else 0.0
-    sign = -1.0 if runs < 0.0 else 1.0
-    at_border = np.angle((1.0 - place) * left + place * right)
-    expected = TURN * coordinate / phases.period_px
-    mean = np.mean(np.exp(1j * (at_border - sign * expected))) if along.size else 0.0
-    start = float(np.angle(mean)) / TURN
-    scatter = float(np.sqrt(-2.0 * np.log(np.clip(np.abs(mean), SMALLEST, 1.0)))) / TURN
+    sign = _direction(along)
+    at_border = np.exp(1j * np.angle((1.0 - place) * left + place * right))
     slope = float(np.median(np.abs(along))) / TURN if along.size else 0.0
-    return Convention(along.size, runs, start, scatter, slope, len(phases.frames), phases.period_px)
+    return _convention(phases, sign, at_border, coordinate, slope)
+
+
+def _direction(along: FloatMap) -> float:
+    """Direction of the phase across the borders: −1 where it clearly runs against the code.
+
+    The camera may see a line as sharp as its steps: its phase then stays the same over some pixels,
+    and noise alone turns it.
+    """
+    turned = np.sin(along)
+    size = float(np.sqrt(np.sum(turned**2)))
+    return -1.0 if float(np.sum(turned)) < -AGAINST_SIGMAS * size else 1.0
+
+
+def _convention(
+    phases: PhaseFrames,
+    sign: float,
+    at_border: NDArray[np.complex128],
+    coordinate: FloatMap,
+    slope: float,
+) -> Convention:
+    """The convention, and the period, by the phase at every border."""
+    period, turns, borders = phases.period_px, coordinate / phases.period_px, coordinate.size
+
+    def start_of(rate: float) -> tuple[float, float]:
+        mean = np.mean(at_border * np.exp(-1j * TURN * rate * turns)) if borders else 0.0
+        length = float(np.clip(np.abs(mean), SMALLEST, 1.0))
+        return float(np.angle(mean)) / TURN, float(np.sqrt(-2.0 * np.log(length))) / TURN
+
+    def seen(rate: float) -> Convention:
+        start, scatter = start_of(rate)
+        return Convention(
+            borders, sign, start, scatter, slope, len(phases.frames), period / abs(rate), period
+        )
+
+    planned = seen(sign)
+    if borders < FEWEST:
+        return planned
+    few = slice(None, None, max(1, borders // MOST_BORDERS))
+    rate, _ = rate_of(at_border[few], turns[few], sign, SEARCHED)
+    fitted, spread = seen(rate), float(np.std(turns))
+    error = fitted.start_error / max(spread, SMALLEST)
+    at_edge = np.hypot(fitted.start_error, float(np.mean(turns)) * error)
+    other = abs(rate - sign) > CLEAR_SIGMAS * error and fitted.scatter_turns < ALIKE_TURNS
+    # What moved between the code and the fringes may look stretched, but hardly from the edge on.
+    fixed = abs(fitted.start_turns - fitted.usual_start) < SNAP_TURNS + CLEAR_SIGMAS * at_edge
+    return fitted if other and fixed else planned
 
 
 def steps_in_words(decoding: Decoding, found: Convention, labels: list[str]) -> tuple[str, str]:
@@ -163,14 +216,6 @@ def _samples(lines: Lines, frames: tuple[int, ...]) -> FloatMap:
     """Lines of some frames, (frames, r, l), counts; NaN where a sample is not finite."""
     data = np.stack([lines[k].astype(np.float64) for k in frames])
     return np.where(np.isfinite(data), data, np.nan)
-
-
-def _fitted(phases: PhaseFrames, lines: Lines) -> tuple[FloatMap, NDArray[np.complex128]]:
-    """Background and complex modulation of the lines, (r, l)."""
-    data = _samples(lines, phases.frames)
-    solver: Any = fit_matrices(phases.rows)[1]
-    a, c, s = times(solver, data.reshape(len(data), -1)).reshape(3, *data.shape[1:])
-    return a, c + 1j * s
 
 
 def _bits(

@@ -23,6 +23,10 @@ Severity = Literal["note", "warning", "error"]
 """
 
 
+LEFT_OUT = "axis left out"
+"""Kind of the finding about an axis of which hardly a pixel can be measured."""
+
+
 @dataclass(frozen=True)
 class Pixels:
     """Which pixels a finding concerns: how many, and where."""

@@ -1,0 +1,189 @@
+"""The cause that is named first is the true one: periods, steps of all sets, dark and dim frames, bands
+of rows, an axis without margin, and sharp lines."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+import fringeworks as fw
+from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, equal_steps
+
+WIDTH, HEIGHT, SHAPE, FINE = 640, 400, (96, 260), 3
+LIGHT = (Uniform("white"), Uniform("black"))
+
+
+def steps(period, count, axis="x", turn=0.0, sign=1, line=None):
+    return PhaseSteps(axis, period, equal_steps(count, start_rad=turn, sign=sign), line)
+
+
+def plan_of(*blocks):
+    return PatternPlan(WIDTH, HEIGHT, blocks)
+
+
+def surface(seed):
+    """Projector columns and rows of a tilted wall with a cap and a box, FINE samples per pixel."""
+    rng = np.random.default_rng(seed)
+    v, u = (np.mgrid[: SHAPE[0] * FINE, : SHAPE[1] * FINE] + 0.5) / FINE - 0.5
+    u, v = u - SHAPE[1] / 2, v - SHAPE[0] / 2
+    depth = rng.uniform(-0.15, 0.15) * u + rng.uniform(-0.2, 0.2) * v
+    cap = 1.0 - ((u - rng.uniform(-60, 60)) / 55.0) ** 2 - (v / 40.0) ** 2
+    depth = depth + 26.0 * np.sqrt(np.clip(cap, 0.0, None))
+    depth = depth + 22.0 * ((np.abs(u - rng.uniform(-90, 90)) < 22) & (np.abs(v) < 25))
+    x = WIDTH / 2 + 2.1 * u + rng.choice([-0.6, 0.6]) * depth
+    y = HEIGHT / 2 + 2.1 * v + 0.03 * u
+    return x, y
+
+
+def photographed(plan, seed, *, noise=1.2, peak=180.0, exposure=None):
+    """Frames of the surface; ``exposure`` is a frame and its factor."""
+    rng = np.random.default_rng(seed + 1000)
+    x, y = surface(seed)
+    albedo = 0.65 + 0.25 * np.sign(np.sin(x / 61.0)) * (np.sin(y / 37.0) > 0)
+    frames = []
+    for block in plan.blocks:
+        axis = getattr(block, "axis", "x")
+        at, length = (x, WIDTH) if axis == "x" else (y, HEIGHT)
+        pixels = np.arange(float(length))
+        for k in range(block.frames):
+            light = np.interp(at, pixels, block.values(pixels, k), left=0.0, right=0.0)
+            counts = 2.0 + albedo * (8.0 + peak * light)
+            if exposure is not None and exposure[0] == len(frames):
+                counts = exposure[1] * counts
+            seen = ndimage.gaussian_filter(counts, 0.7 * FINE)
+            seen = seen.reshape(SHAPE[0], FINE, SHAPE[1], FINE).mean(axis=(1, 3))
+            seen = seen + noise * rng.standard_normal(SHAPE)
+            frames.append(np.clip(np.rint(seen), 0, 255).astype(np.uint8))
+    return frames
+
+
+def refusal(frames, plan):
+    with pytest.raises(fw.FramesContradictPlan) as told:
+        fw.decode(frames, plan)
+    return str(told.value)
+
+
+GRAY = {
+    "full": (*LIGHT, GrayCode("x", 20.0, WIDTH), steps(20.0, 4)),
+    "half": (GrayCode("x", 10.0, WIDTH, inverse=True), steps(20.0, 3)),
+    "bare": (steps(20.0, 4), GrayCode("x", 20.0, WIDTH)),
+}
+SETS = {
+    "beats": (steps(40.0, 4), steps(36.0, 4), steps(33.0, 4)),
+    "nested": (steps(640.0, 3), steps(128.0, 3), steps(25.6, 3)),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"), [("full", 1.024), ("half", 1.024), ("half", 0.98), ("bare", 1.0125)]
+)
+def test_a_rounded_period_beside_a_gray_code_is_named(name, factor):
+    """The stack was decoded without a finding, 8 px rms off, at a σ of 0.45 px."""
+    plan = plan_of(*GRAY[name])
+    period = 20.0 * factor
+    blocks = [steps(period, b.frames) if isinstance(b, PhaseSteps) else b for b in plan.blocks]
+    said = refusal(photographed(plan, 71), plan_of(*blocks))
+    assert said.startswith("frames: the fringes of"), said
+    found = float(said.split("than the plan says (")[1].split(" px")[0])
+    assert abs(found / 20.0 - 1.0) < 2e-3, said
+
+
+@pytest.mark.parametrize("of_set", [0, 1, 2])
+def test_a_rounded_period_of_one_of_three_sets_is_named(of_set):
+    """It was taken for another start of its steps, or for a scene that moved."""
+    shown = plan_of(*SETS["beats"])
+    blocks = list(shown.blocks)
+    blocks[of_set] = steps(blocks[of_set].period_px * 1.02, 4)
+    said = refusal(photographed(shown, 72 + of_set), plan_of(*blocks))
+    assert said.startswith(f"frames: the fringes of {blocks[of_set].period_px:.6g} px"), said
+    found = float(said.split("than the plan says (")[1].split(" px")[0])
+    assert abs(found / shown.blocks[of_set].period_px - 1.0) < 3e-3
+
+
+@pytest.mark.parametrize("turn", [np.pi / 2, -np.pi / 2])
+def test_all_sets_that_start_elsewhere_are_named(turn):
+    said = refusal(
+        photographed(plan_of(*SETS["beats"]), 75),
+        plan_of(*(steps(b.period_px, b.frames, turn=turn) for b in SETS["beats"])),
+    )
+    assert said.startswith("frames: all sets along x have another sign or start"), said
+
+
+@pytest.mark.parametrize("name", ["full", "bare"])
+def test_a_dark_bit_is_named(name):
+    """Of a code without inverses, 44 % of the pixels were wrong by 96 px, without a finding."""
+    plan = plan_of(*GRAY[name])
+    frames, labels = photographed(plan, 76), plan.labels()
+    for k in (labels.index("x-gray-1"), labels.index("x-gray-2")):
+        wrong = list(frames)
+        wrong[k] = (frames[k] // 40).astype(np.uint8)
+        assert f"frame {labels[k]}: it shows no pattern" in refusal(wrong, plan)
+
+
+@pytest.mark.parametrize("seed", [77, 78])
+def test_an_exposure_that_misleads_is_named(seed):
+    """19 % of the pixels were wrong by a period, without a finding."""
+    plan = plan_of(*GRAY["full"])
+    bit = plan.labels().index("x-gray-3")
+    said = refusal(photographed(plan, seed, exposure=(bit, 0.65)), plan)
+    assert "frame x-gray-3 has another exposure than the others along x (0.6" in said
+    fine = fw.decode(photographed(plan, seed, exposure=(bit, 0.95)), plan)
+    assert not [one for one in fine.findings if one.kind == "exposure"]
+
+
+@pytest.mark.parametrize("name", ["full", "half", "beats", "nested"])
+def test_rows_that_see_the_next_picture_are_named(name):
+    """They decoded in places to wrong fringe orders, without a finding."""
+    plan = plan_of(*(GRAY | SETS)[name])
+    frames = photographed(plan, 79)
+    later = [*frames[1:], frames[0]]
+    mixed = [np.vstack([a[:40], b[40:58], a[58:]]) for a, b in zip(frames, later, strict=True)]
+    said = refusal(mixed, plan)
+    assert "a band of rows" in said
+    assert "shows the pattern after that of its frame" in said
+    share = float(said.split("from ")[1].split(" %")[0])
+    assert abs(share - 100.0 * 40 / SHAPE[0]) < 4.0
+
+
+def test_an_axis_without_margin_leaves_the_other_measured():
+    heights = (HEIGHT / 50, HEIGHT / 53, HEIGHT / 54)
+    code = GrayCode("x", 10.0, WIDTH, inverse=True)
+    plan = plan_of(code, steps(20.0, 8), *(steps(p, 3, "y") for p in heights))
+    decoded = fw.decode(photographed(plan, 80, noise=5.0, peak=70.0), plan)
+    (finding,) = [one for one in decoded.findings if one.kind == "axis left out"]
+    assert finding.axis == "y"
+    assert "expected pixels that can be measured" in finding.seen
+    assert not np.isfinite(decoded.y.coordinate_px).any()
+    assert decoded.y.reason.all()
+    columns = surface(80)[0].reshape(SHAPE[0], FINE, SHAPE[1], FINE).mean(axis=(1, 3))
+    measured = np.isfinite(decoded.x.coordinate_px)
+    off = np.abs(decoded.x.coordinate_px - columns)[measured] / decoded.x.sigma_px[measured]
+    assert np.mean(measured) > 0.9
+    assert np.mean(off < 2.0) > 0.9
+
+
+def test_all_axes_without_margin_are_refused():
+    plan = plan_of(*(steps(p, 3) for p in (WIDTH / 60, WIDTH / 63, WIDTH / 64)))
+    with pytest.raises(fw.InputError, match="expected pixels that can be measured"):
+        fw.decode(photographed(plan, 81, noise=5.0, peak=50.0), plan)
+
+
+@pytest.mark.parametrize("seed", [82, 83])
+@pytest.mark.parametrize("line", [8.0, 5.0])
+def test_sharp_lines_have_no_direction_of_their_own(seed, line):
+    """The phase of a line as sharp as its steps stands still over pixels, where noise turns it."""
+    plan = plan_of(GrayCode("x", 16.0, WIDTH, inverse=True), steps(32.0, 4, line=line))
+    decoded = fw.decode(photographed(plan, seed), plan)
+    assert np.mean(np.isfinite(decoded.x.coordinate_px)) > 0.5
+
+
+@pytest.mark.parametrize("name", list(GRAY | SETS))
+@pytest.mark.parametrize("seed", [84, 85])
+def test_right_frames_are_kept(name, seed):
+    plan = plan_of(*(GRAY | SETS)[name])
+    decoded = fw.decode(photographed(plan, seed), plan)
+    assert not [one for one in decoded.findings if one.kind in ("exposure", "axis left out")]
+    columns = surface(seed)[0].reshape(SHAPE[0], FINE, SHAPE[1], FINE).mean(axis=(1, 3))
+    off = np.abs(decoded.x.coordinate_px - columns)
+    assert np.nanmean(off > 8.0) < 2e-3

@@ -265,7 +265,10 @@ def measured(name: str, plan_name: str, seed: int) -> Outcome:
             views = [scene(u, v, t + shift, n) for shift in (-0.5, 0.0, 0.5)]
             same = (views[0].layer == views[1].layer) & (views[1].layer == views[2].layer)
             good = same & np.isfinite(found.coordinate_px)
-            off.append((found.coordinate_px - views[1].x_px)[good])
+            # The place at a moment is the mean over an exposure: cameras see nothing shorter.
+            parts = t + np.linspace(-0.5 * OPEN, 0.5 * OPEN, PARTS)
+            truth = np.mean([scene(u, v, float(part), n).x_px for part in parts], axis=0)
+            off.append((found.coordinate_px - truth)[good])
             sigma.append(found.sigma_px[good])
             known += int(same.sum())
             outcome.findings += [f.line for f in moment.decoded.findings if f.rank]

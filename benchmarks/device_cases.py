@@ -52,6 +52,7 @@ WHOLE_MS = 1e3 / 60
 STEADY = {
     "LED": Case(),
     "LED, short": Case({}, {"bright": 6.0, "ambient": 0.1}, given_ms=2.2),
+    "LED, bright": Case({}, {"bright": 2.5, "fps": 60.0}),
     "laser, rolling 5 us": Case({}, {"line_us": 5.0, "fps": 60.0}),
     "laser, rolling 12 us": Case({}, {"line_us": 12.0, "fps": 43.0}),
     "laser, rolling 30 us": Case({}, {"line_us": 30.0, "fps": 29.0, "bright": 0.4}),
@@ -144,7 +145,7 @@ DELIVERED = {
     "grids": Case({}, {"scene": "near", "blur_px": 0.3, "fill": 0.9}, False),
     "grids, blurred": Case({}, {"scene": "near", "blur_px": 0.45}, False),
     "step": Case({}, {"scene": "step"}),
-    "exposures, saturating": Case({}, {"bright": 60.0, "own_range": (1.0, 40.0)}, False, hdr=3),
+    "exposures, saturating": Case({}, {"bright": 1.5}, False, hdr=3),
 }
 """Cameras as drivers deliver their frames, and scenes."""
 

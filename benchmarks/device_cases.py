@@ -53,6 +53,7 @@ STEADY = {
     "LED": Case(),
     "LED, short": Case({}, {"bright": 6.0, "ambient": 0.1}, given_ms=2.2),
     "LED, bright": Case({}, {"bright": 2.5, "fps": 60.0}),
+    "LED, lit room": Case({}, {"ambient": 0.1, "bright": 0.7}),
     "laser, rolling 5 us": Case({}, {"line_us": 5.0, "fps": 60.0}),
     "laser, rolling 12 us": Case({}, {"line_us": 12.0, "fps": 43.0}),
     "laser, rolling 30 us": Case({}, {"line_us": 30.0, "fps": 29.0, "bright": 0.4}),

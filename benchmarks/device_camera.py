@@ -1,4 +1,4 @@
-"""Cameras of the device table: exposures of rows, and frames that arrive as drivers deliver them."""
+"""Cameras of the device table: rows are exposed in turn, and frames arrive as drivers send them."""
 
 from __future__ import annotations
 

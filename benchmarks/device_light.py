@@ -313,14 +313,18 @@ class Crystal(ModelProjector):
 
     def _step(self, from_s: Floats, codes: Picture, goal: Floats) -> None:
         last = self.shown[-1]
-        assert last.start is not None and last.target is not None and last.tau_s is not None
+        assert last.start is not None
+        assert last.target is not None
+        assert last.tau_s is not None
         past = np.maximum(from_s - last.from_s, 0.0)[:, None] / last.tau_s
         now = last.target + (last.start - last.target) * (1.0 + past) * np.exp(-past)
         tau = np.where(goal > now, self.rise_s, self.fall_s) * (1.6 - 0.6 * np.abs(goal - now))
         self.shown.append(Shown(from_s, codes, now, goal, tau))
 
     def _dose(self, one: Shown, first: Floats, last: Floats, taps: Taps) -> Floats:
-        assert one.start is not None and one.target is not None and one.tau_s is not None
+        assert one.start is not None
+        assert one.target is not None
+        assert one.tau_s is not None
         since = one.from_s[taps.row_at]
         if one.seen is None:
             one.seen = taps.blend(taps.gather(one.target))

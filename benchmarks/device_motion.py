@@ -121,6 +121,11 @@ def away(path: Callable[[float, int], float], tones: Any = paint) -> Scene:
     return scene
 
 
+def at_speed(speed: float) -> Callable[[float, int], float]:
+    """Straight on, projector px per frame."""
+    return lambda t, _: speed * t
+
+
 def shake(size: float, cycles: float) -> Scene:
     """Vibrates: amplitude, projector px, and cycles in a plan."""
     return away(lambda t, n: size * float(np.sin(2 * np.pi * cycles * t / n + 0.7)))
@@ -171,15 +176,15 @@ def start_stop(t: float, n: int) -> float:
 
 
 SCENES: dict[str, Scene] = {
-    "still": away(lambda t, n: 0.0, tiles),
+    "still": away(at_speed(0.0), tiles),
     "slide 0.3": slide(0.3),
     "slide 1": slide(1.0),
     "slide 2": slide(2.0),
     "painted slide 0.5": slide(0.5, 0.0, tiles),
     "painted slide 0.4, 0.5": slide(0.4, 0.5, tiles),
     "turn 0.5": turn(0.5),
-    "recede 0.4": away(lambda t, n: 0.4 * t),
-    "approach 1": away(lambda t, n: -1.0 * t, tiles),
+    "recede 0.4": away(at_speed(0.4)),
+    "approach 1": away(at_speed(-1.0), tiles),
     "grow": grow(0.004),
     "shake 0.5": shake(3.0, 0.5),
     "shake 1": shake(1.5, 1.03),

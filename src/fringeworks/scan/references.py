@@ -123,9 +123,7 @@ def _share_of(
     return _share(change[:, None], values - T)[:2]
 
 
-def _share(
-    design: NDArray[np.float64], values: NDArray[np.float64]
-) -> tuple[float, float, float]:
+def _share(design: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, float, float]:
     """The first coefficient of least squares, its standard deviation by the residuals, and the
     variance of these."""
     normal = design.T @ design

@@ -55,9 +55,7 @@ def code_distance(
     return np.asarray(median * np.float32(code.step_px), np.float32)
 
 
-def _cells(
-    planes: Sequence[FloatMap], first: int, code: GrayCode, plan: PatternPlan
-) -> FloatMap:
+def _cells(planes: Sequence[FloatMap], first: int, code: GrayCode, plan: PatternPlan) -> FloatMap:
     """The cell of every pixel: a bit is lit where it is brighter than the mean of the fringes."""
     start, block = min(phase_sets(plan), key=lambda one: one[1].period_px)
     level = np.mean([planes[start + k] for k in range(block.frames)], axis=0)

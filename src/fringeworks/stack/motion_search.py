@@ -306,6 +306,8 @@ def distance_of(
     finest = int(np.argmin(periods_px))
     start = periods_px[finest] * (turns[finest] - np.rint(turns[finest]))
     likely = np.zeros_like(start) if near_px is None else (near_px - start) / periods_px[finest]
+    # Farther than it can be, it is wrong.
+    likely = np.where(np.abs(likely) > MOST_PERIODS + 0.5, np.float32(0.0), likely)
     best = np.full(start.shape, np.inf, np.float32)
     distance = start
     for period in range(-MOST_PERIODS, MOST_PERIODS + 1):

@@ -16,6 +16,7 @@ from fringeworks.scan.exposure import (
 from fringeworks.scan.exposure_proof import ExposureProof, exposure_obeys
 from fringeworks.scan.exposure_range import ExposureRange, exposure_range
 from fringeworks.types import CameraSettings, DeviceProblem, Finding, Frozen, InputError
+from fringeworks.types.numbers import number
 
 PARTS_OF_REFRESH = (2, 3, 4)
 """Parts of a refresh period in which colour wheels turn once and backlights pulse once: at 60 Hz,
@@ -61,10 +62,12 @@ def check_exposure(projector: Projector, camera: Camera, wanted: CameraSettings)
     before = camera.configure(wanted)
     settings = before
     problem: InputError | None = None
+    found: list[Finding] = []
     free = wanted.exposure_ms is None and wanted.gain_db is None
     if free and camera.limits().exposure_ms is not None:
         try:
-            settings = _chosen(projector, camera)
+            settings, bright = _chosen(projector, camera)
+            found += [] if bright is None else [_shortened(settings, bright)]
         except (TooDark, TooBright) as error:
             # The camera is at the end of its range, where it sees as much as it can.
             settings, problem = camera.configure(CameraSettings()), error
@@ -76,15 +79,15 @@ def check_exposure(projector: Projector, camera: Camera, wanted: CameraSettings)
     if proof is not None and proof.verdict in SELF_WILLED:
         settings = _put_back(camera, before)
         return Exposing(settings, False, proof, "", (_disobeys(proof),))
-    found = [] if problem is None else [_not_chosen(problem)]
+    found += [] if problem is None else [_not_chosen(problem)]
     if proof is not None and not proof.obeyed:
         found.append(_disobeys(proof))
     chosen = settings != before and problem is None
     return Exposing(camera.configure(settings), chosen, proof, unproved, tuple(found))
 
 
-def _chosen(projector: Projector, camera: Camera) -> CameraSettings:
-    """An exposure of whole refresh periods, or a shorter one where these are too bright.
+def _chosen(projector: Projector, camera: Camera) -> tuple[CameraSettings, TooBright | None]:
+    """An exposure of whole refresh periods, or a shorter one where these are too bright, and why.
 
     Whether a shorter one sees the same light in every frame is measured next.
 
@@ -94,14 +97,14 @@ def _chosen(projector: Projector, camera: Camera) -> CameraSettings:
     exposure can be chosen.
     """
     if projector.refresh_s is None:
-        return auto_exposure(projector, camera, whole_periods=False)
+        return auto_exposure(projector, camera, whole_periods=False), None
     try:
-        return auto_exposure(projector, camera)
+        return auto_exposure(projector, camera), None
     except TooBright as error:
         shortest = camera.configure(CameraSettings())
         for allowed in _shorter(projector, camera):
             try:
-                return exposure_in(projector, camera, allowed)
+                return exposure_in(projector, camera, allowed), error
             except TooBright:
                 continue
             except InputError:
@@ -168,6 +171,21 @@ def _disobeys(proof: ExposureProof) -> Finding:
             "drift": proof.drift,
         },
         severity="error",
+    )
+
+
+def _shortened(settings: CameraSettings, bright: TooBright) -> Finding:
+    """The finding that whole refresh periods are too bright, and what was chosen."""
+    shown = number(settings.exposure_ms or float("nan"), digits=4)
+    return Finding(
+        "exposure",
+        f"{shown} ms was chosen, less than a refresh period of the projector, which is too bright "
+        f"({str(bright).partition(': too bright')[0]})",
+        ("a projector too bright or too near", "lamps in the room"),
+        "close the aperture or darken the room to expose for whole refresh periods, whatever the "
+        "projector's light does within them",
+        figures={"exposure_ms": settings.exposure_ms or float("nan")},
+        severity="note",
     )
 
 

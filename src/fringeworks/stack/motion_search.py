@@ -230,11 +230,11 @@ class _Pair:
         if not any(code_of(self.plan, axis) for axis in self.plan.axes):
             return {}
         count = self.plan.frames
-        cycles = [
+        one, other = (
             [moved_back(frame, motion, start + k - count + 0.5) for k, frame in enumerate(frames)]
             for frames, start in ((self.one, 0), (self.other, count))
-        ]
-        found = {axis: code_distance(*cycles, self.plan, axis) for axis in self.plan.axes}
+        )
+        found = {axis: code_distance(one, other, self.plan, axis) for axis in self.plan.axes}
         return {axis: distance for axis, distance in found.items() if distance is not None}
 
 

@@ -6,15 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from fringeworks.devices.protocols import Camera, Projector
-from fringeworks.scan.exposure import (
-    LONGEST_MS,
-    TooBright,
-    TooDark,
-    auto_exposure,
-    exposure_in,
-)
+from fringeworks.scan.exposure import TooBright, TooDark, auto_exposure, exposure_in
 from fringeworks.scan.exposure_proof import ExposureProof, exposure_obeys
-from fringeworks.scan.exposure_range import ExposureRange, exposure_range
+from fringeworks.scan.exposure_range import LONGEST_MS, ExposureRange, exposure_range
 from fringeworks.types import CameraSettings, DeviceProblem, Finding, Frozen, InputError
 from fringeworks.types.numbers import number
 

@@ -1,6 +1,6 @@
 """Projectors and cameras × plans × ways to take frames: what is refused, named or wrong.
 
-``python -m benchmarks.device_table --out table.json [--seeds 0,1] [--cases A;B] [--motion]``, from
+``python -m benchmarks.device_table --out table.json [--seeds 0,1] [--cases A;B]``, from
 the root of the source tree. Devices live on a clock that jumps: a case takes seconds.
 """
 

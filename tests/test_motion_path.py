@@ -10,6 +10,7 @@ import pytest
 import fringeworks as fw
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, equal_steps
 from fringeworks.stack.kernel_settings import decoding_of
+from fringeworks.stack.motion_code import code_distance
 from fringeworks.stack.motion_evidence import missing_turns, turn_weights
 from fringeworks.stack.step_convention import convention
 
@@ -118,6 +119,31 @@ def test_motion_within_cycles_is_covered(motion, orders):
     normal, _, _ = measured(plan, MOTIONS[motion](plan.frames), seed=3)
     assert np.mean(np.abs(normal) < 2.0) > 0.9
     assert np.mean(np.abs(normal) > 5.0) < 300e-6
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.8, -1.0, 1.5])
+def test_a_gray_code_tells_the_distance_to_a_cell(speed):
+    n = GRAY.frames
+    frames = [f.astype(float) for f in photographed(GRAY, lambda t: speed * t, 2 * n, 21)]
+    found = code_distance(frames[:n], frames[n:], GRAY, "x")
+    assert np.mean(np.abs(found - speed * n) <= 8.0) > 0.98
+    assert code_distance(frames[:12], frames[12:24], FOUR, "x") is None
+
+
+@pytest.mark.parametrize("speed", [0.8, -1.1])
+def test_beside_a_gray_code_surfaces_move_by_more_than_half_a_period(speed):
+    """10 and 14 px in a cycle, with fringes of 16 px."""
+    normal, errors, _ = measured(GRAY, lambda t: speed * t, seed=22)
+    assert np.mean(np.abs(normal) < 2.0) > 0.9
+    assert np.abs(errors).max() < 2.0
+
+
+@pytest.mark.parametrize("orders", ORDERS)
+def test_a_vibration_of_less_than_two_frames_is_covered(orders):
+    plan = ORDERS[orders]
+    normal, _, findings = measured(plan, sine(0.5, plan.frames / 7.4), seed=23)
+    assert np.mean(np.abs(normal) < 2.0) > 0.9 or findings
+    assert np.mean(np.abs(normal) > 5.0) < 300e-6 or findings
 
 
 @pytest.mark.parametrize("seed", range(2))

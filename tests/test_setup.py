@@ -153,8 +153,8 @@ def test_what_stops_a_setup_is_explained():
     ("scene", "kinds"),
     [
         ({"white": 5e-4, "ambient": 5e-4}, ["dark"]),
-        ({"white": 300.0}, ["saturated"]),
-        ({"white": 0.1, "ambient": 0.9}, ["saturated"]),
+        ({"white": 3e6}, ["saturated"]),
+        ({"white": 0.1, "ambient": 0.9}, ["exposure"]),
     ],
     ids=["dark", "bright", "bright room"],
 )
@@ -162,6 +162,17 @@ def test_light_that_no_exposure_suits_is_named(scene, kinds):
     with pytest.raises(SetupStopped) as stopped:
         measured({}, {}, 1, **scene)
     assert [f.kind for f in stopped.value.tests.findings] == kinds
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("white", [1.5, 20.0])
+def test_a_bright_projector_is_exposed_for_less_than_a_refresh(white, seed):
+    """Its light is steady, so that any exposure sees the same."""
+    found = measured({}, {}, seed, white=white)
+    assert found.settings.exposure_ms < 1e3 / 60
+    assert 0.7 < found.levels.brightness.max() / 255 < 0.96
+    assert [(f.kind, f.severity) for f in found.findings] == [("exposure", "note")]
+    assert "less than a refresh period" in found.findings[0].seen
 
 
 def test_a_bright_room_is_named_where_the_exposure_cannot_be_proved():

@@ -96,6 +96,13 @@ def auto_exposure(
     if not 0 <= saturated < 1:
         raise InputError(f"saturated: expected 0 to 1, got {saturated}")
     allowed = exposure_range(projector, camera, longest_ms=longest_ms, whole_periods=whole_periods)
+    return exposure_in(projector, camera, allowed, saturated)
+
+
+def exposure_in(
+    projector: Projector, camera: Camera, allowed: ExposureRange, saturated: float = SATURATED
+) -> CameraSettings:
+    """Choose exposure and gain in a range as ``auto_exposure`` does."""
     amount, good, bright = allowed.least, 0.0, np.inf
     tried: list[Brightness] = []
     best: Brightness | None = None

@@ -23,6 +23,10 @@ that are late by a part of a picture's time, or by one or more pictures, differ 
 CLEAR = 6.0
 """Smallest difference of two pictures at a pixel that is compared, over the noise of a difference:
 the noise of ``wanted``, which is in both sides, then changes a share by 1.4 %."""
+TOLD_APART = 40.0
+"""Smallest mean square by which the change between two pictures differs from a multiple of the
+first one, over what noise makes of it, with which a share is told from a gain. Noise then adds 1/80
+to a share at most, a quarter of ``VISIBLE_SHARE``."""
 FEWEST = 30
 """Smallest number of such pixels of a band that is judged."""
 
@@ -66,6 +70,9 @@ def trace_of(
 
     Notes
     -----
+    Where the light of the room makes both pictures proportional to each other, as under white and
+    black, a share and a gain look alike; the gain is then taken to be 1.
+
     Least squares of ``frame`` = g ``wanted`` + c (``before`` − ``wanted``) in each band, over the
     pixels at which the pictures differ by far more than noise. Where they do not, as beside a body
     in the dark, the noise of ``wanted`` alone would look like a share of one half.
@@ -82,8 +89,7 @@ def trace_of(
         if np.count_nonzero(used) < FEWEST:
             continue
         T, change = known[first:last][used], (old - known)[first:last][used]
-        design = np.column_stack((change, T)) if gain else change[:, None]
-        share, sigma = _share(design, one[first:last][used] - (0.0 if gain else T))
+        share, sigma = _share_of(one[first:last][used], T, change, gain=gain)
         if abs(share) < max(VISIBLE_SHARE, SHARE_SIGMAS * sigma):
             continue
         if found is None or abs(share) > abs(found.share):
@@ -92,16 +98,42 @@ def trace_of(
     return found
 
 
-def _share(design: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, float]:
-    """The first coefficient of least squares, and its standard deviation by the residuals."""
+def _share_of(
+    values: NDArray[np.float64],
+    T: NDArray[np.float64],
+    change: NDArray[np.float64],
+    *,
+    gain: bool,
+) -> tuple[float, float]:
+    """The share of ``change`` in ``values`` beside ``T``, and its standard deviation.
+
+    With b, the slope of ``change`` on ``T``, and S, the sum of squares of what is left of
+    ``change``: noise σ in each of the n samples of both pictures makes n (1 + (1 + b)²) σ² of S,
+    and adds n (1 + b) σ² / S to the share, because that of ``T`` is in ``change`` as well.
+    """
+    if gain and T.any():
+        slope = float(change @ T) / float(T @ T)
+        left = change - slope * T
+        design = np.column_stack((change, T))
+        share, sigma, variance = _share(design, values)
+        # Residuals have the noise of two frames.
+        noise = 0.5 * variance * T.size * (1.0 + (1.0 + slope) ** 2)
+        if float(left @ left) > TOLD_APART * noise:
+            return share, sigma
+    return _share(change[:, None], values - T)[:2]
+
+
+def _share(design: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, float, float]:
+    """The first coefficient of least squares, its standard deviation by the residuals, and the
+    variance of these."""
     normal = design.T @ design
     if np.linalg.cond(normal) > 1.0 / np.finfo(np.float64).eps:
-        return 0.0, np.inf  # a band without light or without a change
+        return 0.0, np.inf, np.inf  # a band without light or without a change
     inverse = np.linalg.inv(normal)
     found = inverse @ (design.T @ values)
     rest = values - design @ found
     variance = float(rest @ rest) / max(values.size - found.size, 1)
-    return float(found[0]), float(np.sqrt(variance * inverse[0, 0]))
+    return float(found[0]), float(np.sqrt(variance * inverse[0, 0])), variance
 
 
 def proof_trace(frames: Sequence[NDArray[Any]]) -> Trace | None:

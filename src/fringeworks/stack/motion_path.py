@@ -25,7 +25,7 @@ SIZES_PX = (0.02, 0.06, 0.2, 0.6, 2.0, 6.0)
 """Standard deviations of the motion beside a straight one that are tried, projector px."""
 STAYS_CYCLES = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Times after which the velocity is another one that are tried, cycles of the plan."""
-SHORTEST_FRAMES = 2.6
+SHORTEST_FRAMES = 1.2
 """Shortest period of a vibration that is tried, frames: faster ones are averaged out within an
 exposure and the frames of a set."""
 LONGEST_CYCLES = 8.0

@@ -19,6 +19,7 @@ from fringeworks.stack.motion import (
     moved_back,
     phase_sets,
 )
+from fringeworks.stack.motion_code import code_distance, code_of
 from fringeworks.types import Axis, BoolMap, FloatMap, FramesContradictPlan
 from fringeworks.types.packages import cv2
 
@@ -157,6 +158,8 @@ class _Fits:
     """Mean background of each cycle, counts."""
     square: FloatMap
     """Sum of the squared residuals of all fits, counts²."""
+    by_code: dict[Axis, FloatMap]
+    """Distance by the Gray code of each axis that has one, px."""
 
 
 @dataclass(frozen=True)
@@ -219,7 +222,20 @@ class _Pair:
         turns: list[FloatMap] = [
             after - before for before, after in zip(phases[:half], phases[half:], strict=True)
         ]
-        return _Fits(turns, power, (backgrounds[0], backgrounds[1]), square)
+        by_code = self._by_code(motion)
+        return _Fits(turns, power, (backgrounds[0], backgrounds[1]), square, by_code)
+
+    def _by_code(self, motion: Motion) -> dict[Axis, FloatMap]:
+        """Distance by the Gray code of each axis that has one, px."""
+        if not any(code_of(self.plan, axis) for axis in self.plan.axes):
+            return {}
+        count = self.plan.frames
+        one, other = (
+            [moved_back(frame, motion, start + k - count + 0.5) for k, frame in enumerate(frames)]
+            for frames, start in ((self.one, 0), (self.other, count))
+        )
+        found = {axis: code_distance(one, other, self.plan, axis) for axis in self.plan.axes}
+        return {axis: distance for axis, distance in found.items() if distance is not None}
 
 
 def _better(moved: _Fits, still: _Fits, freedom: int) -> BoolMap:
@@ -246,7 +262,8 @@ def _velocities(fits: _Fits, plan: PatternPlan) -> dict[Axis, FloatMap]:
     for axis in plan.axes:
         along = [k for k, block in enumerate(blocks) if block.axis == axis]
         turns = [fits.turns[k] for k in along]
-        moved, misfit = distance_of(turns, [blocks[k].period_px for k in along])
+        periods = [blocks[k].period_px for k in along]
+        moved, misfit = distance_of(turns, periods, fits.by_code.get(axis))
         _refuse_unrelated(misfit, fits.power, axis)
         velocity = np.nan_to_num(moved).astype(np.float32) / np.float32(plan.frames)
         velocities[axis] = np.asarray(cv2.medianBlur(velocity, VELOCITY_WINDOW), np.float32)
@@ -266,7 +283,7 @@ def _refuse_unrelated(misfit: FloatMap, power: FloatMap, axis: Axis) -> None:
 
 
 def distance_of(
-    turns: Sequence[FloatMap], periods_px: Sequence[float]
+    turns: Sequence[FloatMap], periods_px: Sequence[float], near_px: FloatMap | None = None
 ) -> tuple[FloatMap, FloatMap]:
     """Return the distance that differences of wrapped phases belong to.
 
@@ -275,22 +292,27 @@ def distance_of(
     turns : M (h, w) arrays
         Difference of the phases of each set, turns; known modulo one.
     periods_px : M floats
+    near_px : (h, w) array, optional
+        Distance that is likely beforehand, px; 0 by default.
 
     Returns
     -------
     distance : (h, w) array, px
         Of the distances of up to ``MOST_PERIODS`` of the finest period, that on which the sets
-        agree best; of equals, the shortest.
+        agree best; of equals, that next to ``near_px``.
     misfit : (h, w) array
         Disagreement of the sets, the sum of their squared differences, turns².
     """
     finest = int(np.argmin(periods_px))
     start = periods_px[finest] * (turns[finest] - np.rint(turns[finest]))
+    likely = np.zeros_like(start) if near_px is None else (near_px - start) / periods_px[finest]
+    # Farther than it can be, it is wrong.
+    likely = np.where(np.abs(likely) > MOST_PERIODS + 0.5, np.float32(0.0), likely)
     best = np.full(start.shape, np.inf, np.float32)
     distance = start
     for period in range(-MOST_PERIODS, MOST_PERIODS + 1):
         trial = start + np.float32(period * periods_px[finest])
-        misfit = np.full(start.shape, PERIOD_PENALTY * period**2, np.float32)
+        misfit = np.float32(PERIOD_PENALTY) * np.square(period - likely)
         for turn, length in zip(turns, periods_px, strict=True):
             misfit += _fraction(turn - trial / length) ** 2
         better = misfit < best

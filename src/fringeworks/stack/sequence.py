@@ -371,7 +371,7 @@ class SequenceDecoder:
         first, after = self._between
         nearer = found[start - first > after - start]
         if None in (found if first < start < after else [nearer]):
-            return self._latest(start)
+            return self._beside(start, last) or self._latest(start)
         assert nearer is not None
         self._judgement = start, nearer
         return nearer, True
@@ -383,6 +383,23 @@ class SequenceDecoder:
             return self._judged(still.planes, still.lit)
         except FramesContradictPlan:
             return None
+
+    def _beside(self, start: int, last: int) -> tuple[Judgement, bool] | None:
+        """The judgement of the moment before, if one after it agrees with the plan too and both
+        hold all frames of this one: motion alone makes its frames contradict each other."""
+        before = self._judgement
+        if before is None or before[0] < start - self._every:
+            return None
+        # Moments whose motion is not known well yet serve as well.
+        farthest = min(self._count - self._plan.frames, before[0] + self._plan.frames)
+        for later in range(start + self._every, farthest + 1, self._every):
+            agrees = self._quietly(later) is not None
+            if later > last:
+                self._ready.pop(later, None)
+            if agrees:
+                self._judgement = start, before[1]
+                return before[1], True
+        return None
 
     def _latest(self, start: int) -> tuple[Judgement, bool]:
         """The own judgement of a moment, and whether its frames agree with the plan.

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 from fringeworks.devices.protocols import Camera, Projector
-from fringeworks.scan.exposure import TooBright, TooDark, auto_exposure
+from fringeworks.scan.exposure import TooBright, TooDark, auto_exposure, exposure_in
 from fringeworks.scan.exposure_proof import ExposureProof, exposure_obeys
+from fringeworks.scan.exposure_range import LONGEST_MS, ExposureRange, exposure_range
 from fringeworks.types import CameraSettings, DeviceProblem, Finding, Frozen, InputError
+from fringeworks.types.numbers import number
 
+PARTS_OF_REFRESH = (2, 3, 4)
+"""Parts of a refresh period in which colour wheels turn once and backlights pulse once: at 60 Hz,
+wheels of 120, 180 and 240 Hz."""
 SELF_WILLED = ("ignored", "automatic")
 """Verdicts of cameras that keep an exposure of their own, so that none can be chosen."""
 
@@ -50,12 +56,12 @@ def check_exposure(projector: Projector, camera: Camera, wanted: CameraSettings)
     before = camera.configure(wanted)
     settings = before
     problem: InputError | None = None
+    found: list[Finding] = []
     free = wanted.exposure_ms is None and wanted.gain_db is None
     if free and camera.limits().exposure_ms is not None:
         try:
-            settings = auto_exposure(
-                projector, camera, whole_periods=projector.refresh_s is not None
-            )
+            settings, bright = _chosen(projector, camera)
+            found += [] if bright is None else [_shortened(settings, bright)]
         except (TooDark, TooBright) as error:
             # The camera is at the end of its range, where it sees as much as it can.
             settings, problem = camera.configure(CameraSettings()), error
@@ -67,11 +73,48 @@ def check_exposure(projector: Projector, camera: Camera, wanted: CameraSettings)
     if proof is not None and proof.verdict in SELF_WILLED:
         settings = _put_back(camera, before)
         return Exposing(settings, False, proof, "", (_disobeys(proof),))
-    found = [] if problem is None else [_not_chosen(problem)]
+    found += [] if problem is None else [_not_chosen(problem)]
     if proof is not None and not proof.obeyed:
         found.append(_disobeys(proof))
     chosen = settings != before and problem is None
     return Exposing(camera.configure(settings), chosen, proof, unproved, tuple(found))
+
+
+def _chosen(projector: Projector, camera: Camera) -> tuple[CameraSettings, TooBright | None]:
+    """An exposure of whole refresh periods, or a shorter one where these are too bright, and why.
+
+    Whether a shorter one sees the same light in every frame is measured next.
+
+    Raises
+    ------
+    TooBright of whole periods, at whose shortest exposure the camera is left, where no shorter
+    exposure can be chosen.
+    """
+    if projector.refresh_s is None:
+        return auto_exposure(projector, camera, whole_periods=False), None
+    try:
+        return auto_exposure(projector, camera), None
+    except TooBright as error:
+        shortest = camera.configure(CameraSettings())
+        for allowed in _shorter(projector, camera):
+            try:
+                return exposure_in(projector, camera, allowed), error
+            except TooBright:
+                continue
+            except InputError:
+                break  # the light changes from frame to frame
+        camera.configure(CameraSettings(shortest.exposure_ms, shortest.gain_db))
+        raise error
+
+
+def _shorter(projector: Projector, camera: Camera) -> Iterator[ExposureRange]:
+    """Ranges of exposures that are shorter than a refresh period, the safest first."""
+    anything = exposure_range(projector, camera, longest_ms=LONGEST_MS, whole_periods=False)
+    for part in PARTS_OF_REFRESH:
+        period_ms = 1e3 * (projector.refresh_s or 0.0) / part
+        if anything.shortest_ms <= period_ms <= anything.longest_ms:
+            yield replace(anything, shortest_ms=period_ms, period_ms=period_ms)
+    yield anything
 
 
 def _proof(projector: Projector, camera: Camera) -> tuple[ExposureProof | None, str]:
@@ -122,6 +165,21 @@ def _disobeys(proof: ExposureProof) -> Finding:
             "drift": proof.drift,
         },
         severity="error",
+    )
+
+
+def _shortened(settings: CameraSettings, bright: TooBright) -> Finding:
+    """The finding that whole refresh periods are too bright, and what was chosen."""
+    shown = number(settings.exposure_ms or float("nan"), digits=4)
+    return Finding(
+        "exposure",
+        f"{shown} ms was chosen, less than a refresh period of the projector, which is too bright "
+        f"({str(bright).partition(': too bright')[0]})",
+        ("a projector too bright or too near", "lamps in the room"),
+        "close the aperture or darken the room to expose for whole refresh periods, whatever the "
+        "projector's light does within them",
+        figures={"exposure_ms": settings.exposure_ms or float("nan")},
+        severity="note",
     )
 
 

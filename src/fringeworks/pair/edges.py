@@ -308,7 +308,7 @@ class _Pair:
                 error = np.where(known.cliffs.zone, np.float32(0), error)
             found = found._replace(
                 modulation_ratio=known.albedo * found.modulation_ratio,
-                sigma_px=np.sqrt(found.sigma_px**2 + error),
+                model_variance=found.model_variance + error,
             )
         return found, better
 
@@ -330,6 +330,7 @@ def _on_walls(
     from_side = found._replace(
         displacement_px=found.displacement_px.flat[side],
         sigma_px=np.float32(WALL_SIGMA) * found.sigma_px.flat[side],
+        unlike_finer=np.float32(WALL_SIGMA**2) * found.unlike_finer.flat[side],
         modulation_ratio=found.modulation_ratio.flat[side],
         offset=found.offset.flat[side],
         scale=found.scale.flat[side],

@@ -94,7 +94,8 @@ pub struct Limits {
     pub object_noise: f64,
     /// Variance of the reference's noise.
     pub reference_noise: f64,
-    /// What smoothing has left of it in single pixels.
+    /// What smoothing has left of it in single pixels, and so in the residual. The mean over a window has
+    /// all of it: low frequencies are not smoothed away.
     pub reference_left: f64,
     /// Variance of a mean of many pixels' noise over that of independent noise; at least 1.
     pub noise_correlation: f64,
@@ -282,8 +283,6 @@ pub fn solve(row: &NodeRow, i: usize, window: &Window, prior: &Prior, limits: &L
     let ratio = x[1];
     // Mean square of the factor β b, by which the reference appears in the object.
     let factor = ratio * ratio * equations.albedo_square;
-    // The residual has the noise that is left in the reference's pixels. A window averages these, and
-    // what it averages is not smoothed away.
     let of_object = (residual - factor * limits.reference_left).max(limits.object_noise);
     let noise = of_object + factor * limits.reference_noise;
     let [var_offset, var_ratio, var_shift] =

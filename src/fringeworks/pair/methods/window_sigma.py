@@ -17,15 +17,16 @@ from fringeworks.types import BoolMap, FloatMap
 SURFACE_EXPONENT = 8.0
 """Power of the frequency by which the spectrum of surfaces falls along a line.
 
-Creases have 4, steps of the curvature 6, smoother surfaces more. Of 4, 5, 6, 8 and 12, it brings the
-shares within 1 σ and 2 σ of five kinds of simulated surfaces at 5 to 100 counts nearest to 0.68 and
-0.95.
+Creases have 4, steps of the curvature 6, smoother surfaces more. Of 4, 5, 6, 8 and 12, it brings
+the shares within 1 σ and 2 σ of five kinds of simulated surfaces at 5 to 100 counts nearest to 0.68
+and 0.95.
 """
 EVEN_PERIODS = 0.25
 """Width of the Gaussian over which the variance is averaged, periods.
 
-Where neighbours keep windows of different widths, their variances jump by a factor of four and more,
-but either may keep the other's. Of 0, 0.1, 0.15 and 0.25, it leaves the fewest errors beyond 5 σ.
+Where neighbours keep windows of different widths, their variances differ by a factor of four and
+more, but either may keep the other's. Of 0, 0.1, 0.15 and 0.25, it leaves the fewest errors beyond
+5 σ.
 """
 SPREAD_PERIODS = 0.3
 """Width of the Gaussian over which the magnitude of a predicted bias is averaged, periods.

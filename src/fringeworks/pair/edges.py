@@ -56,9 +56,9 @@ albedo takes over a part of the fringes, which displaces a plane by its σ. An e
 KEPT_OF_START = 0.5
 """Error of a displacement beside paint, over what the windows have changed of their start.
 
-An albedo that was found with the start explains a part of its errors. Beside a step of a fifth of a
-period in a scene of paint, 3.6 % of the errors lie beyond 5 σ without this part, 1.5 % with 0.3, and
-0.8 % with 0.6.
+An albedo that was found with the start explains a part of its errors. In a scene with paint and a
+step of a fifth of a period, 3.6 % of the errors lie beyond 5 σ without this part, 1.5 % with 0.3,
+and 0.8 % with 0.6.
 """
 WALL_SIGMA = 2.0
 """Factor of σ of a pixel on a wall over that of the surface that it was given."""

@@ -21,12 +21,12 @@ Creases have 4, steps of the curvature 6, smoother surfaces more. With 6, 90 % o
 waves at 100 counts lie within 1 σ, which is too many; with 8, 93 % of those of creases at 5 counts
 lie within 2 σ, which is the least that is promised.
 """
-EVEN_PERIODS = 0.35
-"""Width of the Gaussian over which the variance is averaged, periods.
+EVEN_PERIODS = (0.25, 0.35)
+"""Widths of the Gaussians over which the variance is averaged, periods; the larger mean counts.
 
 Where neighbours keep windows of different widths, their variances differ by a factor of four and
-more, but either may keep the other's. At a tip that the camera's blur rounds off, 0.25 leaves errors
-beyond 5 σ, and 0.35 none.
+more, but either may keep the other's. At a tip that the camera's blur rounds off, 0.25 leaves
+errors beyond 5 σ, and 0.35 none; where channels are clipped, 0.35 leaves more.
 """
 SPREAD_PERIODS = 0.3
 """Width of the Gaussian over which the magnitude of a predicted bias is averaged, periods.
@@ -129,8 +129,9 @@ def window_sigma(
             own = _lost_of_result(start, u, known, walls, steps, SPREAD_PERIODS * period_px)
             bias = np.where(seen > 0, bias, scale.bias(own[chosen], lost * (1.0 - lost)))
         variance[chosen] = scale.behind(1.0 - lost) + bias
-    spread = EVEN_PERIODS * period_px
-    variance = smooth_known(variance, known, (spread, spread)) + found.model_variance
+    spreads = [(share * period_px,) * 2 for share in EVEN_PERIODS]
+    even = np.maximum(*(smooth_known(variance, known, spread) for spread in spreads))
+    variance = even + found.model_variance
     return np.sqrt(np.where(known, variance, np.nan), dtype=np.float32)
 
 

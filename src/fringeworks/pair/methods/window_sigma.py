@@ -130,7 +130,8 @@ def window_sigma(
             bias = np.where(seen > 0, bias, scale.bias(own[chosen], lost * (1.0 - lost)))
         variance[chosen] = scale.behind(1.0 - lost) + bias
     spreads = [(share * period_px,) * 2 for share in EVEN_PERIODS]
-    even = np.maximum(*(smooth_known(variance, known, spread) for spread in spreads))
+    narrow, wide_mean = (smooth_known(variance, known, spread) for spread in spreads)
+    even: FloatMap = np.maximum(narrow, wide_mean)
     variance = even + found.model_variance
     return np.sqrt(np.where(known, variance, np.nan), dtype=np.float32)
 

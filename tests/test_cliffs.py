@@ -104,7 +104,7 @@ def test_windows_with_walls_agree_with_their_oracle(scales):
         LIMITS,
         edge,
     )
-    same = (found[5] == expected[3]) & np.isfinite(found[0])
+    same = (found[6] == expected[4]) & np.isfinite(found[0])
     assert same[~edge].mean() > 0.98
     assert np.isnan(found[0][edge]).all() == (scales != (2.0,))
     for k in (0, 1, 2):

@@ -142,6 +142,7 @@ class _Pair(TypedDict):
 class _WindowedLimits(TypedDict):
     object_noise: float
     reference_noise: float
+    reference_left: float
     drift: float
     max_sigma: float
     min_explained: float
@@ -164,10 +165,12 @@ def invert_windowed(
     NDArray[np.float32],
     NDArray[np.float32],
     NDArray[np.float32],
+    NDArray[np.float32],
     NDArray[np.uint8],
     float,
 ]:
-    """Displacement, σ, modulation ratio, offset, misfit, scale, and correlation of the noise."""
+    """Displacement, σ of the noise, modulation ratio, offset, misfit, mean squared difference from
+    finer windows, scale, and correlation of the noise."""
 
 def warp_windowed(
     pair: _Pair, displacement: NDArray[np.float32]

@@ -7,7 +7,7 @@ import numpy as np
 from tests.oracles import windowed
 
 PATCH, WALL_PATCH, WALL_REACH, DISTANCE_PRICE = 3, 2, 3, 0.02
-REACH_WIDTHS, MIN_VISIBLE, BLOCK_CELLS = 2.5, 0.02, 8
+REACH_WIDTHS, MIN_VISIBLE, BLOCK_CELLS = 2.5, 0.02, 4
 
 
 def value_at(spline, y, x, u):

@@ -109,7 +109,9 @@ def solve_node(weights, dx, dy, s, g, m, d, window, prior, limits):
             break
         assumed = residual
         x, residual, variance = fit(assumed)
-    noise = residual + x[1] ** 2 * limits["reference_noise"]
+    factor = x[1] ** 2
+    noise = max(residual - factor * limits["reference_left"], limits["object_noise"])
+    noise += factor * limits["reference_noise"]
     var = noise * variance / independent
     sigma = np.sqrt(var[2]) / max(abs(x[1]), 1e-6)
     determined = (
@@ -259,15 +261,19 @@ def at_pixels(grid, window, shape, walls=None):
 
 
 def noise_correlation(residual, limits):
-    """25 (median |block mean| / median |residual|)², minus the reference's share; 1 … 25."""
+    """25 (median |block mean| / median |residual|)² of differences of blocks that are two blocks
+    apart along y, over what smoothing of the reference's white noise gives; 1 … 25."""
     h, w = residual.shape
     tiles = residual[: h // 5 * 5, : w // 5 * 5].reshape(h // 5, 5, w // 5, 5).swapaxes(1, 2)
-    complete = np.isfinite(tiles).all(axis=(2, 3))
-    means = np.sort(np.abs(tiles[complete].mean(axis=(1, 2))))
-    singles = np.sort(np.abs(tiles[complete][:, 2, 2]))
+    apart = tiles[:-2] - tiles[2:]
+    complete = np.isfinite(apart).all(axis=(2, 3))
+    means = np.sort(np.abs(apart[complete].mean(axis=(1, 2))))
+    singles = np.sort(np.abs(apart[complete][:, 2, 2]))
     ratio = means[means.size // 2] / singles[singles.size // 2]
-    reference_share = limits["reference_noise"] / limits["object_noise"]
-    return max(np.clip(25 * ratio**2, 1, 25) - reference_share, 1.0)
+    single, mean = (
+        limits["object_noise"] + limits[name] for name in ("reference_left", "reference_noise")
+    )
+    return max(np.clip(25 * ratio**2, 1, 25) * single / mean, 1.0)
 
 
 def block_means(values, window):
@@ -285,21 +291,20 @@ def block_means(values, window):
 
 
 def spread(values, window):
-    """Mean square and variance over blocks and their neighbours, weights 1 4 6 4 1 on each axis."""
+    """Mean square over blocks and their neighbours, weights 1 4 6 4 1 on each axis."""
     h, w = values.shape
     rows, columns, b = window.nodes(h), window.nodes(w), window.block
-    moments = np.zeros((3, rows, columns))
+    moments = np.zeros((2, rows, columns))
     for r in range(rows):
         for c in range(columns):
             tile = values[r * b : (r + 1) * b, c * b : (c + 1) * b]
             tile = tile[np.isfinite(tile)]
-            moments[:, r, c] = [np.sum(tile**power) for power in range(3)]
+            moments[:, r, c] = [np.sum(tile**power) for power in (0, 2)]
     for axis in (1, 2):
         moments = convolve1d(moments, [1, 4, 6, 4, 1], axis, mode="constant")
-    count, total, square = moments
-    mean, square = (np.where(count > 0, v / np.maximum(count, 1), 0.0) for v in (total, square))
-    variance = np.maximum(square - mean**2, 0.0)
-    return [upsample(v, window, values.shape) for v in (square, variance)]
+    count, square = moments
+    mean = np.where(count > 0, square / np.maximum(count, 1), 0.0)
+    return upsample(mean, window, values.shape)
 
 
 def upsample(means, window, shape):
@@ -310,13 +315,14 @@ def upsample(means, window, shape):
 
 
 def invert(spline, d, start, scales, iterations, period, confidence, limits, walls=None):
-    """Displacement, σ, modulation ratio and scale per pixel, and the noise correlation."""
+    """Displacement, σ, modulation ratio, mean squared difference from finer windows, and scale per
+    pixel; the noise correlation."""
     limits = {**limits, "noise_correlation": 1.0}
     c = [-((-1) ** j) * _binomial(iterations, j) for j in range(1, iterations + 1)]
     pairs = [(j, k) for j in range(iterations) for k in range(iterations)]
     factor = np.sqrt(sum(c[j] * c[k] * 2 / (j + k + 2) for j, k in pairs))
     u, coarser = start.copy(), None
-    values, sigmas, ratios, windows = [start], [], [], []
+    values, sigmas, ratios, windows = [], [], [], []
     for scale in scales:
         window = Window(scale)
         for _ in range(iterations):
@@ -345,16 +351,16 @@ def _binomial(n, k):
 def select(values, sigmas, ratios, windows, confidence):
     """Estimate and σ of the largest window that agrees with all smaller ones."""
     shape = values[0].shape
-    start, *values = values
-    first = np.where(np.isfinite(sigmas[0]), values[0] - start, np.nan)
-    steps, spreads = [np.zeros(shape)], [spread(first, windows[0])]
+    steps, squares = [np.zeros(shape)], []
     for k in range(len(values) - 1):
         both = np.isfinite(sigmas[k]) & np.isfinite(sigmas[k + 1])
         difference = np.where(both, values[k + 1] - values[k], np.nan)
         steps.append(upsample(block_means(difference, windows[k]), windows[k], shape))
-        spreads.append(spread(difference, windows[k]))
+        seen = np.isfinite(sigmas[k + 1])
+        squares.append(np.where(seen, spread(difference, windows[k]), 0.0))
+    squares.append(np.zeros(shape))
     chosen = np.full(shape, 255)
-    out = [np.full(shape, np.nan) for _ in range(3)]
+    out = [np.full(shape, np.nan) for _ in range(3)] + [np.zeros(shape)]
     for k in range(len(values)):
         agrees = np.isfinite(sigmas[k]) & (chosen == 255)
         total = np.zeros(shape)
@@ -362,11 +368,8 @@ def select(values, sigmas, ratios, windows, confidence):
             total = total + steps[j]
             agrees &= np.abs(total) <= confidence * sigmas[j]
         chosen[agrees] = k
-        variance = sigmas[k] ** 2 + 0.3**2 * sum(step[1] for step in spreads[: k + 1])
-        if k + 1 < len(values):
-            finer = np.where(np.isfinite(sigmas[k + 1]), sigmas[k + 1], np.inf)
-            variance = variance + np.maximum(spreads[k + 1][0] - finer**2, 0)
-        for target, source in zip(out, (values[k], np.sqrt(variance), ratios[k]), strict=True):
+        sources = (values[k], sigmas[k], ratios[k], squares[k])
+        for target, source in zip(out, sources, strict=True):
             target[agrees] = source[agrees]
     return (*out, chosen)
 
@@ -374,6 +377,7 @@ def select(values, sigmas, ratios, windows, confidence):
 LIMITS = {
     "object_noise": 2.5e-4,
     "reference_noise": 2.5e-4,
+    "reference_left": 2e-4,
     "drift": 0.01,
     "max_sigma": 0.8,
     "min_explained": 0.3,

@@ -48,6 +48,7 @@ pub struct OptionItems {
 struct LimitItems {
     object_noise: f64,
     reference_noise: f64,
+    reference_left: f64,
     drift: f64,
     max_sigma: f64,
     min_explained: f64,
@@ -63,6 +64,7 @@ impl From<OptionItems> for Options {
             limits: Limits {
                 object_noise: items.limits.object_noise,
                 reference_noise: items.limits.reference_noise,
+                reference_left: items.limits.reference_left,
                 noise_correlation: 1.0,
                 drift: items.limits.drift,
                 max_sigma: items.limits.max_sigma,
@@ -72,8 +74,10 @@ impl From<OptionItems> for Options {
     }
 }
 
-/// Displacement, σ, modulation ratio, offset, misfit, scale, and correlation of the noise.
+/// Displacement, σ, modulation ratio, offset, misfit, difference from finer windows, scale, and
+/// correlation of the noise.
 type Field<'py> = (
+    Map<'py>,
     Map<'py>,
     Map<'py>,
     Map<'py>,
@@ -105,6 +109,7 @@ pub fn invert_windowed<'py>(
         map(field.modulation_ratio),
         map(field.offset),
         map(field.misfit),
+        map(field.unlike_finer),
         array_of(py, shape, field.scale),
         field.noise_correlation,
     ))

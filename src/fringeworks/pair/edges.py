@@ -28,7 +28,7 @@ from fringeworks.pair.windows import (
     mean_square,
     unexplained,
 )
-from fringeworks.signal.filters import widened
+from fringeworks.signal.filters import box_mean, widened
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN
 from fringeworks.types import BoolMap, ByteMap
 
@@ -50,6 +50,16 @@ MIN_LEFT_SHARE = 0.01
 """Share of them that cliffs must leave unexplained, for paint to be searched."""
 CONTINUED_SHARE = 0.8
 """Share of the misfit of a patch that surfaces continued up to a crease must stay below."""
+REACH_PERIODS = 2.0
+"""Distance from what windows leave up to which an albedo is used, periods. At low contrast, an
+albedo takes over a part of the fringes, which displaces a plane by its σ. An empirical choice."""
+KEPT_OF_START = 0.5
+"""Error of a displacement beside paint, over what the windows have changed of their start.
+
+An albedo that was found with the start explains a part of its errors. In a scene with paint and a
+step of a fifth of a period, 3.6 % of the errors lie beyond 5 σ without this part, 1.5 % with 0.3,
+and 0.8 % with 0.6.
+"""
 WALL_SIGMA = 2.0
 """Factor of σ of a pixel on a wall over that of the surface that it was given."""
 
@@ -302,15 +312,27 @@ class _Pair:
             found = _on_walls(self.windows, found, known.cliffs, known.albedo)
             mixed = widened(known.cliffs.walls, NEAR_WALL_PX)
         better = explained(self.windows, found, known.plain.misfit, known.albedo, mixed)
+        if self.is_painted(known):
+            better &= widened(self.poor, round(REACH_PERIODS * self.windows.period_px))
         if known.albedo is not None and self.is_painted(known):
             error = albedo_error(known.plain, found, self.windows.period_px)
+            error += _kept_of_start(found, known.start_px, self.windows.period_px)
             if known.cliffs is not None:
                 error = np.where(known.cliffs.zone, np.float32(0), error)
             found = found._replace(
                 modulation_ratio=known.albedo * found.modulation_ratio,
-                sigma_px=np.sqrt(found.sigma_px**2 + error),
+                model_variance=found.model_variance + error,
             )
         return found, better
+
+
+def _kept_of_start(
+    found: Fitted, start_px: NDArray[np.float32], period_px: float
+) -> NDArray[np.float32]:
+    """Variance by what an albedo has kept of the start's error, (h, w), px²."""
+    square = (found.displacement_px - start_px) ** 2
+    np.nan_to_num(square, copy=False)
+    return np.asarray(np.float32(KEPT_OF_START**2) * box_mean(square, int(0.5 * period_px) | 1))
 
 
 def _on_walls(
@@ -330,6 +352,7 @@ def _on_walls(
     from_side = found._replace(
         displacement_px=found.displacement_px.flat[side],
         sigma_px=np.float32(WALL_SIGMA) * found.sigma_px.flat[side],
+        unlike_finer=np.float32(WALL_SIGMA**2) * found.unlike_finer.flat[side],
         modulation_ratio=found.modulation_ratio.flat[side],
         offset=found.offset.flat[side],
         scale=found.scale.flat[side],

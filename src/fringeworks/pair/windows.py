@@ -29,11 +29,20 @@ MIN_POOR_PIXELS = 50
 """Number of such pixels from which edges are searched."""
 MEDIAN_STEP = 4
 """Every so many rows and columns determine the median."""
-REFERENCE_SMOOTHING = 1.0 / 30.0
-"""Width of the low-pass that reduces the reference's noise, periods.
+REFERENCE_SMOOTHING = (1.0 / 30.0, 1.0 / 6.0)
+"""Smallest and largest width of the low-pass that reduces the reference's noise, periods.
 
-It passes the first harmonics almost unchanged (tests: 1e-4 of the modulation). An empirical choice.
+The smallest passes the first harmonics almost unchanged (tests: 1e-4 of the modulation), the
+largest 98 % of the fringe. Empirical choices.
 """
+SLOPE_NOISE = 87.0 / (64.0 * np.pi)
+"""Variance of the slope of white noise of variance 1 behind that low-pass, times width⁴:
+(1/2π) ∫ q e^(−2q) (1 + q + q²/2)² dq."""
+MAX_DILUTION = 0.03
+"""Largest share of noise in the mean square of the reference's slope. A window divides by that mean
+square: the share is what a step lacks of the displacement."""
+FREQUENCIES = 64
+"""Frequencies along each axis at which the low-pass is averaged."""
 FILTER_REACH = 6.0
 """Width of the border that is added for the low-pass, in widths of the filter.
 
@@ -112,18 +121,25 @@ class Fitted(NamedTuple):
     """a, in modulations of the reference."""
     misfit: NDArray[np.float32]
     """What windows of about half a period leave of the object, in modulations."""
+    unlike_finer: NDArray[np.float32]
+    """Mean squared difference from the next finer windows, px²; 0 where none determine it."""
     scale: ByteMap
     """Index of the window that was kept; 255 where none was."""
     noise_correlation: float
+    model_variance: NDArray[np.float32] | float = 0.0
+    """Variance that paint adds to that of the windows, (h, w), px²."""
 
     def replaced(self, other: Fitted, where: BoolMap) -> Fitted:
         """Take another result where a map says so; the misfit and the correlation stay."""
+        models = self.model_variance, other.model_variance
         return self._replace(
             displacement_px=np.where(where, other.displacement_px, self.displacement_px),
             sigma_px=np.where(where, other.sigma_px, self.sigma_px),
             modulation_ratio=np.where(where, other.modulation_ratio, self.modulation_ratio),
             offset=np.where(where, other.offset, self.offset),
+            unlike_finer=np.where(where, other.unlike_finer, self.unlike_finer),
             scale=np.where(where, other.scale, self.scale),
+            model_variance=np.where(where, models[1], models[0]).astype(np.float32),
         )
 
 
@@ -143,7 +159,9 @@ class Windows:
     modulation: float
     """Counts."""
     reference_noise: float
-    """Variance."""
+    """Variance of the captured reference."""
+    reference_left: float
+    """Variance that smoothing leaves of it in single pixels."""
     object_noise: float
     """Variance."""
     dark: float
@@ -162,7 +180,9 @@ class Windows:
             captured, mean, albedo = pair.object * pair.albedo, 0.0, pair.albedo.astype(np.float32)
             object_noise = noise_variance(captured, pair.object_ok)
         unit = modulation**2
-        smooth = smooth_reference(pair.reference, REFERENCE_SMOOTHING * pair.period)
+        noise = max(reference_noise / unit, MIN_NOISE**2)
+        width = _reference_width(pair.period, noise)
+        smooth = smooth_reference(pair.reference, width)
         smooth -= mean
         smooth /= modulation
 
@@ -176,7 +196,8 @@ class Windows:
             (pair.object_ok & ~pair.object_empty).astype(np.uint8),
             pair.period,
             modulation,
-            max(reference_noise / unit, MIN_NOISE**2),
+            noise,
+            noise * _noise_left(width),
             max(object_noise / unit, MIN_NOISE**2),
             dark=mean / modulation,
             albedo=albedo,
@@ -235,6 +256,7 @@ class Windows:
                     "limits": {
                         "object_noise": self.object_noise,
                         "reference_noise": self.reference_noise,
+                        "reference_left": self.reference_left,
                         "drift": DRIFT,
                         "max_sigma": MAX_SIGMA * self.period_px,
                         "min_explained": MIN_EXPLAINED,
@@ -267,6 +289,31 @@ class Windows:
         return _core.warp_windowed(self.pair, displacement_px)
 
 
+def _reference_width(period_px: float, noise: float) -> float:
+    """Width σ of the reference's low-pass, px, for a variance of its noise in squared modulations.
+
+    Notes
+    -----
+    The low-pass leaves a variance ``SLOPE_NOISE`` · noise / width⁴ of the slope's noise beside the
+    mean square ½(2π/p)² of the slope itself.
+    """
+    slope = 0.5 * (2.0 * np.pi / period_px) ** 2
+    needed = (SLOPE_NOISE * noise / (MAX_DILUTION * slope)) ** 0.25
+    least, most = (share * period_px for share in REFERENCE_SMOOTHING)
+    return float(np.clip(needed, least, most))
+
+
+def _low_pass(q: FloatMap) -> FloatMap:
+    """Response of the low-pass at q = (σk)²/2."""
+    return np.exp(-q) * (1.0 + q + 0.5 * q * q)
+
+
+def _noise_left(width_px: float) -> float:
+    """Share of the variance of white noise that the low-pass leaves in single pixels, 0…1."""
+    k = np.linspace(0.0, np.pi, FREQUENCIES) * width_px
+    return float(np.mean(_low_pass(0.5 * (k[:, None] ** 2 + k**2)) ** 2))
+
+
 def smooth_reference(frame: FloatMap, width_px: float) -> FloatMap:
     """Low-pass a frame with a response that is flat to sixth order.
 
@@ -297,8 +344,7 @@ def smooth_reference(frame: FloatMap, width_px: float) -> FloatMap:
     del padded
     ky = 2.0 * np.pi * width_px * scipy.fft.fftfreq(shape[0])[:, None]
     kx = 2.0 * np.pi * width_px * scipy.fft.rfftfreq(shape[1])[None, :]
-    q = 0.5 * (ky**2 + kx**2)
-    spectrum *= np.exp(-q) * (1.0 + q + 0.5 * q * q)
+    spectrum *= _low_pass(0.5 * (ky**2 + kx**2))
     smooth = scipy.fft.irfft2(spectrum, s=shape, overwrite_x=True, workers=-1)
     h, w = frame.shape
     return np.ascontiguousarray(smooth[top : top + h, left : left + w])

@@ -113,8 +113,6 @@ pub struct Differences {
     means: Vec<f32>,
     /// Smoothed over neighbouring blocks.
     squares: Vec<f32>,
-    /// Variance about the mean, smoothed in the same way.
-    variances: Vec<f32>,
 }
 
 impl Differences {
@@ -149,16 +147,10 @@ impl Differences {
             });
         let around = spread(&counts, &lattice);
         let squares = quotient(&spread(&squares, &lattice), &around);
-        let variances = quotient(&spread(&means, &lattice), &around)
-            .iter()
-            .zip(&squares)
-            .map(|(mean, square)| (square - mean * mean).max(0.0))
-            .collect();
         Self {
             lattice,
             means: quotient(&means, &counts),
             squares,
-            variances,
         }
     }
 
@@ -170,11 +162,6 @@ impl Differences {
     /// Mean squared difference around the pixels of a row, over the neighbouring blocks.
     pub fn mean_square(&self, y: usize, out: &mut [f32]) {
         self.lattice.interpolate(&self.squares, y, out);
-    }
-
-    /// Variance of the difference around the pixels of a row, over the same blocks.
-    pub fn variance(&self, y: usize, out: &mut [f32]) {
-        self.lattice.interpolate(&self.variances, y, out);
     }
 }
 

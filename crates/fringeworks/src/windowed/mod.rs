@@ -49,12 +49,15 @@ pub struct Options {
 pub struct Field {
     /// Displacement, px.
     pub displacement: Vec<f32>,
-    /// Standard deviation of the displacement, px.
+    /// Standard deviation of the noise of the kept window, px; its bias is not part of it.
     pub sigma: Vec<f32>,
     /// Modulation of the object over modulation of the reference.
     pub modulation_ratio: Vec<f32>,
     /// Level of the object above that of the reference times the modulation ratio, in modulations.
     pub offset: Vec<f32>,
+    /// Mean squared difference from the displacement of the next finer windows, px²; 0 where none
+    /// determine it.
+    pub unlike_finer: Vec<f32>,
     /// Index into [`Options::scales`] of the window that was kept; 255 where none.
     pub scale: Vec<u8>,
     /// Variance of a mean of many pixels' noise over that of independent noise.
@@ -172,6 +175,7 @@ fn check(
 ///     limits: Limits {
 ///         object_noise: 1e-4,
 ///         reference_noise: 1e-4,
+///         reference_left: 1e-4,
 ///         noise_correlation: 1.0,
 ///         drift: 0.01,
 ///         max_sigma: 0.8,
@@ -266,9 +270,11 @@ fn residuals(pair: &Pair, u: &[f32], grid: &Grid) -> Vec<f32> {
 /// Correlation of the object frame's noise between neighbouring pixels (a ratio of variances); at
 /// least 1.
 fn noise_correlation(pair: &Pair, residuals: &[f32], limits: &Limits) -> f64 {
-    // The reference is smoothed, so its noise is correlated as well; it is counted separately.
-    let reference = limits.reference_noise / limits.object_noise;
-    (noise::correlation(residuals, pair.height(), pair.width()) - reference).max(1.0)
+    // Smoothing takes noise from the reference's pixels, but not from means over many of them.
+    let single = limits.object_noise + limits.reference_left;
+    let mean = limits.object_noise + limits.reference_noise;
+    let found = noise::correlation(residuals, pair.height(), pair.width());
+    (found * single / mean).max(1.0)
 }
 
 /// The scale whose misfit is told: the first that is small against the fringe.
@@ -314,7 +320,8 @@ fn refine<'a>(
             widening = options.limits.noise_correlation.sqrt() as f32;
         }
         let lattice = coarser.map_or(grid.lattice, |grid| grid.lattice);
-        let from_coarser = differences(pair, start, estimates.last(), (&u, &known), lattice);
+        let from_coarser =
+            (estimates.last()).map(|last| differences(pair, last, (&u, &known), lattice));
         estimates.iter_mut().for_each(Estimate::without_finer);
         estimates.push(Estimate {
             displacement: u.clone(),
@@ -331,18 +338,15 @@ fn refine<'a>(
     }
 }
 
-/// How far the displacement, where it is known, has moved from that of the last scale, or from the
-/// start.
+/// How far the displacement, where it is known, has moved from that of the last scale.
 fn differences(
     pair: &Pair,
-    start: &[f32],
-    last: Option<&Estimate>,
+    last: &Estimate,
     (u, known): (&[f32], &[bool]),
     lattice: Lattice,
 ) -> Differences {
     Differences::new(lattice, pair.height(), pair.width(), |i| {
-        let before = last.map_or(start[i], |last| last.displacement[i]);
-        (last.is_none_or(|last| last.known[i]) && known[i]).then(|| u[i] - before)
+        (last.known[i] && known[i]).then(|| u[i] - last.displacement[i])
     })
 }
 

@@ -5,12 +5,6 @@ use super::lattice::Differences;
 use super::{Field, NO_SCALE};
 use rayon::prelude::*;
 
-/// Share of what varies in the steps to an estimate that is left of the error before them.
-///
-/// A step removes an error that is constant in its window. Where the step varies, so does the error,
-/// and a part is left: 0.02 to 0.14 on simulated curved surfaces, more on peaks.
-const LEFT_OF_START: f32 = 0.3;
-
 /// Estimates of one scale.
 pub struct Estimate<'a> {
     /// Displacement of every pixel, px.
@@ -21,8 +15,8 @@ pub struct Estimate<'a> {
     pub grid: Grid<'a>,
     /// Factor of the standard deviation that the windows state.
     pub widening: f32,
-    /// Displacement of this scale minus that of the next coarser one, or of the start, px.
-    pub from_coarser: Differences,
+    /// Displacement of this scale minus that of the next coarser one, px.
+    pub from_coarser: Option<Differences>,
 }
 
 impl Estimate<'_> {
@@ -37,7 +31,6 @@ impl Estimate<'_> {
 struct RowDifferences {
     mean: Vec<f32>,
     mean_square: Vec<f32>,
-    variance: Vec<f32>,
 }
 
 impl RowDifferences {
@@ -45,11 +38,11 @@ impl RowDifferences {
         let mut row = Self {
             mean: vec![0.0; width],
             mean_square: vec![0.0; width],
-            variance: vec![0.0; width],
         };
-        estimate.from_coarser.mean(y, &mut row.mean);
-        estimate.from_coarser.mean_square(y, &mut row.mean_square);
-        estimate.from_coarser.variance(y, &mut row.variance);
+        if let Some(differences) = &estimate.from_coarser {
+            differences.mean(y, &mut row.mean);
+            differences.mean_square(y, &mut row.mean_square);
+        }
         row
     }
 }
@@ -98,28 +91,21 @@ impl Row {
         })
     }
 
-    /// Variance of the estimate of scale `k`: its noise, its bias, and what one step leaves of the
-    /// start.
-    ///
-    /// σ_k² + max(0, G ∗ (u_{k+1} − u_k)² − σ_{k+1}²) + η² Σ_{j ≤ k} var_G(u_j − u_{j−1}): what the
-    /// finer window sees differently beyond its own noise, and a share of what varies in the steps
-    /// that led here.
-    fn variance(&self, k: usize, x: usize) -> f32 {
+    /// Mean squared difference of the estimate of scale `k` from that of the next finer one, noise
+    /// included; 0 where there is none.
+    fn unlike_finer(&self, k: usize, x: usize) -> f32 {
         let finer = k + 1;
-        let known = finer < self.windows.len() && self.sigma(finer, x).is_finite();
-        let bias = if known {
-            (self.differences[finer].mean_square[x] - self.sigma(finer, x).powi(2)).max(0.0)
+        if finer < self.windows.len() && self.sigma(finer, x).is_finite() {
+            self.differences[finer].mean_square[x]
         } else {
             0.0
-        };
-        let moved: f32 = self.differences[..=k].iter().map(|d| d.variance[x]).sum();
-        self.sigma(k, x).powi(2) + bias + LEFT_OF_START.powi(2) * moved
+        }
     }
 }
 
 /// Keep for every pixel the largest window that agrees with all smaller ones.
 ///
-/// Agreement allows a bias of about the noise of the finer window: see `Row::variance`.
+/// Agreement allows a bias of about the noise of the finer window, which `Field::unlike_finer` shows.
 pub fn select(estimates: &[Estimate], width: usize, confidence: f32) -> Field {
     let n = estimates[0].displacement.len();
     let mut field = Field {
@@ -127,6 +113,7 @@ pub fn select(estimates: &[Estimate], width: usize, confidence: f32) -> Field {
         sigma: vec![f32::NAN; n],
         modulation_ratio: vec![f32::NAN; n],
         offset: vec![f32::NAN; n],
+        unlike_finer: vec![0.0; n],
         scale: vec![NO_SCALE; n],
         noise_correlation: 1.0,
         misfit: Vec::new(),
@@ -137,21 +124,26 @@ pub fn select(estimates: &[Estimate], width: usize, confidence: f32) -> Field {
         .zip(field.sigma.par_chunks_mut(width))
         .zip(field.modulation_ratio.par_chunks_mut(width))
         .zip(field.offset.par_chunks_mut(width))
+        .zip(field.unlike_finer.par_chunks_mut(width))
         .zip(field.scale.par_chunks_mut(width))
         .enumerate()
-        .for_each(|(y, ((((displacement, sigma), ratio), offset), scale))| {
-            let row = Row::new(estimates, y, width);
-            for x in 0..width {
-                let Some(k) = (0..estimates.len()).find(|k| row.agrees(*k, x, confidence)) else {
-                    continue;
-                };
-                let kept = &row.windows[k];
-                displacement[x] = estimates[k].displacement[y * width + x];
-                sigma[x] = row.variance(k, x).sqrt();
-                ratio[x] = kept.modulation_ratio[x];
-                offset[x] = kept.offset[x];
-                scale[x] = k as u8;
-            }
-        });
+        .for_each(
+            |(y, (((((displacement, sigma), ratio), offset), unlike), scale))| {
+                let row = Row::new(estimates, y, width);
+                for x in 0..width {
+                    let Some(k) = (0..estimates.len()).find(|k| row.agrees(*k, x, confidence))
+                    else {
+                        continue;
+                    };
+                    let kept = &row.windows[k];
+                    displacement[x] = estimates[k].displacement[y * width + x];
+                    sigma[x] = row.sigma(k, x);
+                    unlike[x] = row.unlike_finer(k, x);
+                    ratio[x] = kept.modulation_ratio[x];
+                    offset[x] = kept.offset[x];
+                    scale[x] = k as u8;
+                }
+            },
+        );
     field
 }

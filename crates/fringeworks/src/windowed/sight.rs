@@ -12,7 +12,7 @@ use multiversion::multiversion;
 const MIN_VISIBLE: f32 = 0.02;
 
 /// Cells along a side of a block: nothing is seen past a cell that holds a wall.
-const BLOCK_CELLS: usize = 8;
+const BLOCK_CELLS: usize = 4;
 
 /// A cell of the square around a centre, and the two before it on the ray that leads there.
 struct Ray {

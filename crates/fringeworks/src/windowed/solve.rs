@@ -94,6 +94,9 @@ pub struct Limits {
     pub object_noise: f64,
     /// Variance of the reference's noise.
     pub reference_noise: f64,
+    /// What smoothing has left of it in single pixels, and so in the residual. The mean over a window has
+    /// all of it: low frequencies are not smoothed away.
+    pub reference_left: f64,
     /// Variance of a mean of many pixels' noise over that of independent noise; at least 1.
     pub noise_correlation: f64,
     /// Expected change of offset and modulation ratio from one scale to the next.
@@ -280,7 +283,8 @@ pub fn solve(row: &NodeRow, i: usize, window: &Window, prior: &Prior, limits: &L
     let ratio = x[1];
     // Mean square of the factor β b, by which the reference appears in the object.
     let factor = ratio * ratio * equations.albedo_square;
-    let noise = residual + factor * limits.reference_noise;
+    let of_object = (residual - factor * limits.reference_left).max(limits.object_noise);
+    let noise = of_object + factor * limits.reference_noise;
     let [var_offset, var_ratio, var_shift] =
         [0, 1, 4].map(|j| noise * fit.variance_factor(j) / pixels);
     let sigma = var_shift.sqrt() / ratio.abs().max(MIN_RATIO);

@@ -1,8 +1,7 @@
-"""Start of the windowed inversion, and what its errors leave in the result (theory §4, "Start")."""
+"""Start of the windowed inversion (theory §4, "Start")."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,10 +12,8 @@ from fringeworks.pair.bandpass import HALF_WIDTH, band_kernel
 from fringeworks.pair.methods.fourier import fourier
 from fringeworks.pair.orders import continues, guided_count
 from fringeworks.pair.prepared import QUANTISATION_VARIANCE, PreparedPair, fill_nearest
-from fringeworks.pair.smoothed_away import MEAN_TO_SIGMA, without
-from fringeworks.pair.windows import MIN_RATIO, Fitted, Windows
 from fringeworks.signal.bands import row_bands
-from fringeworks.signal.filters import enlarged, gaussian, reduced, smooth_known, widened
+from fringeworks.signal.filters import enlarged, gaussian, reduced
 from fringeworks.types import BoolMap, FloatMap
 
 MIN_START_EXPLAINED = 0.15
@@ -52,19 +49,6 @@ FOLD_THRESHOLD = 0.125
 At twice that value the narrow one replaces the wide one in full. Below it the difference may be
 ripple: steep faces and edges of paint leak into the band. An empirical choice.
 """
-SPREAD_PERIODS = 0.3
-"""Width of the Gaussian over which the magnitude of what is left is averaged, periods: near that of
-the kernel which it comes of."""
-CREASE = (2.0 - 2.0**0.5) / (2.0 * 2.0**0.5 - 1.0 - 3.0**0.5)
-"""Weight of the second term of what a Gaussian F removes, (1 − F)F + c (1 − F)²F instead of 1 − F.
-
-It makes the sum right at a crease, where Fⁿ leaves an error in proportion to √n. Where the
-curvature is even, the sum stays right to first order.
-"""
-CUT_OFF = 3.0
-"""Largest frequency of the noise's spectrum, rad over the smallest width; exp(−9) is left there."""
-FREQUENCIES = 400
-"""Frequencies at which it is summed."""
 
 
 class Start(NamedTuple):
@@ -189,74 +173,3 @@ def _local_mean(values: FloatMap, width_px: float) -> FloatMap:
     block = min(max(1, int(width_px / BLOCKS_PER_WIDTH)), h, w)
     blocks = reduced(values, (h // block, w // block))
     return enlarged(smoothed(blocks, width_px / block), (h, w))
-
-
-def white_noise(windows: Windows, modulation_ratio: FloatMap) -> FloatMap:
-    """Variance of a displacement's noise in a Gaussian window of width σ = 1 px, (h, w), px²."""
-    ratio = np.maximum(np.nan_to_num(modulation_ratio), MIN_RATIO)
-    noise = windows.reference_noise + windows.object_noise / ratio**2
-    return np.asarray(noise * np.float32((windows.period_px / (2.0 * np.pi)) ** 2 / (2.0 * np.pi)))
-
-
-def variance_of_start(
-    start: Start, windows: Windows, found: Fitted, walls: BoolMap | None, widths: Sequence[float]
-) -> FloatMap:
-    """Variance that the start adds to that of the windows, (h, w), px²: of its noise, and of what
-    it lacks of the surface, as far as the windows leave it.
-
-    Parameters
-    ----------
-    start : Start
-    windows : Windows
-        With the noise of the frames.
-    found : Fitted
-        What the windows found.
-    walls : (h, w) bool array, optional
-        Cliffs that the windows do not cross; beside them they start from either side.
-    widths : sequence of float
-        Widths of the windows, from coarse to fine, px.
-
-    Notes
-    -----
-    A step of a window S turns white noise n and a surface t into ((1 − S)K + S)n + (1 − S)Kt + St,
-    with the kernel K of the start. S² is the noise of the windows; the start adds
-    (1 − S)²K² + 2(1 − S)KS, which is integrated over all frequencies, and lacks (1 − S)(1 − K)t.
-    With the kernel F of the details, of which the share g is kept, 1 − K = 1 − F + (1 − g)(F − W).
-    What this takes from noise is subtracted.
-    """
-    known = np.isfinite(found.displacement_px) & np.isfinite(found.sigma_px)
-    if walls is not None:
-        known &= ~widened(walls, round(2.0 * start.fine_px))
-    fine_px = (start.fine_px, start.fine_px)
-    lacking = without(start.displacement_px + start.removed_px, known, fine_px)
-    lacking += CREASE * without(lacking, known, fine_px)
-    lacking += start.removed_px
-    lacking[~known] = 0.0
-    spread = SPREAD_PERIODS * windows.period_px
-    noise, added = white_noise(windows, found.modulation_ratio), np.zeros(known.shape, np.float32)
-    for k, width in enumerate(widths):
-        chosen = found.scale == k
-        if not chosen.any():
-            continue
-        left = without(lacking, known, (width, width))
-        np.abs(left, out=left)
-        left = MEAN_TO_SIGMA * smooth_known(left, known, (spread, spread))
-        wide, fine = (_shares(start, kernel, width) for kernel in (start.wide_px, start.fine_px))
-        g, n = start.kept[chosen], noise[chosen]
-        in_result, in_left = (w + g * (f - w) for w, f in zip(wide, fine, strict=True))
-        of_surface = np.maximum(left[chosen] ** 2 - in_left * n, 0.0)
-        added[chosen] = in_result * n + np.where(known[chosen], of_surface, 0.0)
-    return added
-
-
-def _shares(start: Start, kernel_px: float, width_px: float) -> tuple[float, float]:
-    """Variance that the noise of a start with some kernel adds to a result, and that of the noise
-    in what it seems to lack, over ``white_noise``."""
-    q = np.linspace(0.0, CUT_OFF / min(start.fine_px, width_px), FREQUENCIES)
-    fine, own, window = (
-        np.exp(-0.5 * (width * q) ** 2) for width in (start.fine_px, kernel_px, width_px)
-    )
-    beside = (1.0 - window) * own * ((1.0 - window) * own + 2.0 * window)
-    lacking = (1.0 - fine) * fine
-    left = (1.0 - window) * (fine - own + lacking + CREASE * (1.0 - fine) * lacking)
-    return float(2.0 * q[1] * np.sum(q * beside)), float(2.0 * q[1] * np.sum(q * left**2))

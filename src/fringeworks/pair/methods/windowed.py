@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from fringeworks.pair.albedo import albedo_error
 from fringeworks.pair.edges import Edges, FitSettings, across_edges
+from fringeworks.pair.methods.window_sigma import window_sigma
 from fringeworks.pair.methods.window_start import (
     MIN_SHARE_COUNTED,
     smoothed,
     start_field,
-    variance_of_start,
 )
 from fringeworks.pair.prepared import PreparedPair, fill_nearest
 from fringeworks.pair.registry import Solution, method
@@ -151,8 +151,7 @@ def windowed(
         found = found._replace(modulation_ratio=albedo * found.modulation_ratio)
     displacement, scale = found.displacement_px, found.scale
     displacement[_far_from_data(pair)] = np.nan
-    of_start = variance_of_start(start, windows, found, walls, widths)
-    sigma = np.sqrt(found.sigma_px**2 + of_start, dtype=np.float32)
+    sigma = window_sigma(start, found, walls, widths, iterations, pair.period)
     return Solution(
         displacement_px=sealed(displacement),
         sigma_px=sealed(sigma),
@@ -189,7 +188,7 @@ def _fitted(
     if edges is not None:
         found = edges.fitted
     if pulled is not None:
-        found = found._replace(sigma_px=np.sqrt(found.sigma_px**2 + pulled))
+        found = found._replace(model_variance=found.model_variance + pulled)
     return found, edges
 
 

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from fringeworks.patterns.order_chain import GRAY_REACH, TURN
 from fringeworks.stack import words
 from fringeworks.stack.decoded_sample import decode_by_gray_code, decode_sample
+from fringeworks.stack.edge_errors import edge_variance
 from fringeworks.stack.edges import (
     USUAL_BLUR_PX2,
     Light,
+    beside_steps,
     fringes_of,
-    has_steps,
     line_shift,
     line_sigma,
     most_blur,
@@ -99,8 +100,8 @@ class Refined:
     most_blur_px2: float = 0.0
     """Largest variance of the camera's blur that edges of brightness allow, px²; 0 where brightness
     changes so little that blur shifts nothing."""
-    steps: bool = False
-    """Whether coordinates jump as at depth steps."""
+    edges: bool = False
+    """Whether pixels beside edges may have errors of their own."""
     response_seen: bool = False
     """Whether the phases of a set at least show whether the response is linear."""
     votes: bool = False
@@ -185,7 +186,7 @@ def _compared(
     if votes and decoding.gray is None:  # neighbours are compared by the finest phases alone
         coordinate, sigma = _by_finest(decoding, maps, known)
     fringes = fringes_of(decoding)
-    steps = has_steps(coordinate, **fringes)
+    steps = beside_steps(coordinate, **fringes)
     most_blur_px2 = _most_blur(decoding, maps, lines, coordinate, sigma)
     blur = line_shift(coordinate, sigma, light, **fringes)
     pull = _pull(decoding, coordinate if blur is None else coordinate - blur)
@@ -193,11 +194,25 @@ def _compared(
     usual = sigma[np.isfinite(sigma)]
     if pull is not None and pull_px**2 > (NOTABLE_RATIO - 1.0) * median(usual) ** 2:
         findings = (*findings, words.pixel_grid(decoding.axis, pull.rms_px))
+    beside = edge_variance(
+        coordinate if blur is None else coordinate - blur,
+        sigma,
+        maps["modulation"],
+        blur,
+        lines=True,
+        **fringes,
+    )
+    edges = False
+    if beside is not None:
+        with np.errstate(invalid="ignore"):
+            edges = bool(np.any(beside > (NOTABLE_RATIO - 1.0) * sigma**2))
     if blur is not None:
         # Higher orders of the blur are left of large shifts: they say nothing of the scatter.
         coordinate = np.where(np.abs(blur) < sigma, coordinate - blur, np.float32(np.nan))
     elif most_blur_px2 > 0.0:
         sigma = line_sigma(coordinate, sigma, light, most_blur_px2, **fringes)
+    # What neighbours share is told from what edges do: by pixels away from depth steps.
+    coordinate = np.where(steps, np.float32(np.nan), coordinate)
     seen = (coordinate, np.hypot(sigma, np.float32(pull_px)), decoding.most_scatter_px)
     rough = scatters(*seen)
     if rough and by_pixel(*seen):
@@ -209,7 +224,7 @@ def _compared(
         scatters=found.uneven or rough or blur is not None,
         blurred=blur is not None,
         most_blur_px2=most_blur_px2,
-        steps=steps,
+        edges=edges,
         votes=votes,
     )
 
@@ -285,6 +300,9 @@ def _of_pixels(decoding: Decoding, maps: dict[str, Any], known: Known, k: int) -
     seen = maps["modulations"][k], maps["background"]
     with np.errstate(invalid="ignore"):  # pixels that are not finite
         sigma = np.sqrt(phase_variance(decoding.sets[k], *seen, known.noise)) * (period / TURN)
+    # Pixels beside depth steps hold the light of two places: that is no noise of single pixels.
+    apart = beside_steps(coordinate, **fringes_of(decoding))
+    coordinate = np.where(apart, np.float32(np.nan), coordinate)
     slope = np.abs(np.diff(coordinate))
     slope = median(slope[np.isfinite(slope)]) if np.isfinite(slope).any() else 0.0
     reach_px = WITHIN_FRINGE * period / max(slope, TINY)

@@ -320,12 +320,19 @@ def compare_neighbours(
         _core.mark_isolated(*maps, typical=typical_px, repeats=decoding.repeats_px)
     if found.pull_px:
         np.hypot(sigma, np.float32(found.pull_px), out=sigma)
+    scattered = None
+    if found.scatters:
+        # Scatter beside edges, and the errors there, are the same: the larger σ counts.
+        scattered = sigma.copy()
+        cover_scatter(coordinate, scattered, results["background"], decoding.most_scatter_px)
     if found.edges:
         light = None if keep_blur else results["modulation"]
         added = edge_variance(coordinate, sigma, light, removed, **fringes)
         if added is not None:
             np.sqrt(sigma**2 + added, out=sigma)
-    if found.scatters:
+    if scattered is not None:
+        np.maximum(sigma, scattered, out=sigma)
+    elif found.blurred:
         cover_scatter(coordinate, sigma, results["background"], decoding.most_scatter_px)
     return blur_px
 

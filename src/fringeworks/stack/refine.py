@@ -221,7 +221,7 @@ def _compared(
         found,
         findings=findings,
         pull_px=pull_px,
-        scatters=found.uneven or rough or blur is not None,
+        scatters=found.uneven or rough,
         blurred=blur is not None,
         most_blur_px2=most_blur_px2,
         edges=edges,

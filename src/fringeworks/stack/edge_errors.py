@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fringeworks import _core
 from fringeworks._lazy import scipy
 from fringeworks.patterns.order_chain import TURN
-from fringeworks.stack.edges import FEWEST, RINGS, Fringes, step_px
+from fringeworks.stack.edges import FEWEST, RINGS, Fringes, beside_steps, step_px
 from fringeworks.statistics.shrinkage import mean_square_errors
 from fringeworks.types import BoolMap, FloatMap
 
@@ -37,13 +37,14 @@ BLUR_PX = 1.0
 from residuals, and not from it: 0.6 px finds fewer of them before a lens of 1.2 px, 1.0 px finds
 those of all lenses from 0.3 to 1.3 px. Simulated."""
 
-SHIFTED = 3.0
-"""Smallest shift by one more blur, in standard deviations of its noise, at which errors may be. At
-2, one pixel in ten is chosen by its own noise, which makes its residual large as well: 75 % of the
-pixels of a plane were within 1 σ."""
+SHIFTED = 4.0
+"""Smallest shift by one more blur, or excess of the slope, in standard deviations of its noise, at
+which errors may be. At 2, one pixel in ten is chosen by its own noise, which makes its residual
+large as well: 75 % of the pixels of a plane were within 1 σ. At 4, two in 10,000 are."""
 
-CLEANER = 0.5
-"""Largest shift of the pixels behind, over that of the pixel, that it is extrapolated from."""
+BESIDE_PX = 2
+"""Distance from such a pixel, along rows and columns, at which others may have smaller errors, px:
+blur of 1 px reaches as far."""
 
 TINY = 1e-9
 """Divides instead of a noise of zero, projector px."""
@@ -113,18 +114,20 @@ def edge_variance(
     map_ = _Map.of(coordinate, sigma, fringes["repeats_px"])
     known = np.isfinite(coordinate)
     level = np.where(known, _steepness(map_, coordinate.shape, lines), 0.0)
-    beside = known if lines else known & _candidates(coordinate, sigma, fringes, modulation)
+    beside = known & _candidates(coordinate, sigma, fringes, modulation, lines)
     if modulation is not None:
         shift, noise = _shift_by_blur(coordinate, sigma, modulation, fringes, lines)
         if removed is not None:
             shift -= removed
         np.fmax(level, np.abs(shift) / np.maximum(noise, TINY), out=level)
-    here = map_.places(beside | (level > SHIFTED) if not lines else known & (level > SHIFTED))
+    strong = level > SHIFTED
+    beside |= known & _widened(strong, lines)
+    here = map_.places(beside | strong)
     if here.size < FEWEST:
         return None
     y, x = np.divmod(here, map_.stride)
     octave = np.log2(np.clip(level[y - REACH, x - REACH], SHIFTED, 2.0**REACH)).astype(np.intp)
-    octave += 2 * REACH * beside[y - REACH, x - REACH]
+    octave += 2 * REACH * ~strong[y - REACH, x - REACH]
     variance = np.zeros(map_.inside.size)
     for way in (1,) if lines else (1, map_.stride):
         residual, noise_of = _cleaner(map_, here, way, step_px(fringes), _padded(level))
@@ -158,20 +161,33 @@ def _steepness(map_: _Map, shape: tuple[int, int], lines: bool) -> FloatMap:
 
 
 def _candidates(
-    coordinate: FloatMap, sigma: FloatMap, fringes: Fringes, modulation: FloatMap | None
+    coordinate: FloatMap,
+    sigma: FloatMap,
+    fringes: Fringes,
+    modulation: FloatMap | None,
+    lines: bool,
 ) -> BoolMap:
-    """Pixels within reach of a depth step, and of unmeasured pixels if wanted."""
+    """Pixels within reach of a depth step, and of unmeasured pixels where light is known."""
+    if lines:
+        return beside_steps(coordinate, **fringes)
     rings: NDArray[np.uint8] = np.empty(coordinate.shape, np.uint8)
     steps: _core._EdgeSteps = {"most": step_px(fringes), "repeats": fringes["repeats_px"]}
     _core.edge_rings(coordinate, sigma, steps, rings)
     found: BoolMap = rings > 0
     if modulation is not None:
-        unknown = np.isnan(coordinate)
-        for k in range(1, RINGS + 1):
-            found[k:] |= unknown[:-k]
-            found[:-k] |= unknown[k:]
-            found[:, k:] |= unknown[:, :-k]
-            found[:, :-k] |= unknown[:, k:]
+        found |= _widened(np.isnan(coordinate), lines, RINGS)
+    return found
+
+
+def _widened(chosen: BoolMap, lines: bool, reach_px: int = BESIDE_PX) -> BoolMap:
+    """The pixels within reach of the chosen ones along rows, and columns where these are known."""
+    found = chosen.copy()
+    for k in range(1, reach_px + 1):
+        found[:, k:] |= chosen[:, :-k]
+        found[:, :-k] |= chosen[:, k:]
+        if not lines:
+            found[k:] |= chosen[:-k]
+            found[:-k] |= chosen[k:]
     return found
 
 

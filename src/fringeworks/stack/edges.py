@@ -99,6 +99,10 @@ FEWEST_EDGES = 5
 SLOPE_REACH = 3
 """Distance to both sides over which the slope along a line is taken, px."""
 
+CELLS_PER_PERIOD = 16.0
+"""Cells of a Gray code alone that count as a period of fringes: differences of four are a step, which
+is three times the noise of what six cells extrapolate to."""
+
 STEEPEST = 0.25
 """Steepest slope of a coordinate along a line that is used, periods of the fringes per px."""
 
@@ -127,7 +131,10 @@ class Fringes(TypedDict):
 
 def fringes_of(decoding: Decoding) -> Fringes:
     """What the coordinates of a decoding are measured by."""
-    return {"period_px": decoding.finest_px, "repeats_px": decoding.repeats_px}
+    period_px = decoding.finest_px
+    if decoding.gray is not None and not decoding.sets:
+        period_px = CELLS_PER_PERIOD * decoding.gray.step_px
+    return {"period_px": period_px, "repeats_px": decoding.repeats_px}
 
 
 class Light(NamedTuple):

@@ -128,9 +128,9 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     -------
     Refined
     """
-    if not decoding.sets:
-        return Refined(decoding)
     lines = [sample.lines[decoding.axis][k] for k in decoding.frames]
+    if not decoding.sets:
+        return Refined(decoding, edges=_code_has_edges(decoding, lines, known))
     planes = [sample.points[k] for k in decoding.frames]
     plain = decoding
     decoding, ripples = without_ripples(decoding, lines, planes, known)
@@ -207,10 +207,7 @@ def _compared(
         lines=True,
         **fringes,
     )
-    edges = False
-    if beside is not None:
-        with np.errstate(invalid="ignore"):
-            edges = bool(np.count_nonzero(beside > CLEAR_VARIANCE * sigma**2) >= FEWEST)
+    edges = beside is not None and _are_clear(beside, sigma)
     if blur is not None:
         # Higher orders of the blur are left of large shifts: they say nothing of the scatter.
         coordinate = np.where(np.abs(blur) < sigma, coordinate - blur, np.float32(np.nan))
@@ -232,6 +229,19 @@ def _compared(
         edges=edges,
         votes=votes,
     )
+
+
+def _code_has_edges(decoding: Decoding, lines: list[NDArray[Any]], known: Known) -> bool:
+    """Whether coordinates by a Gray code alone may have errors beside edges: a bit in grey there is
+    not on the border of two cells, but holds the light of two depths."""
+    maps = decode_sample(decoding, lines, known.noise, known.limits)
+    return bool(beside_steps(maps["coordinate"], **fringes_of(decoding)).any())
+
+
+def _are_clear(beside: FloatMap, sigma: FloatMap) -> bool:
+    """Whether errors beside edges exceed the noise of single pixels at many of them."""
+    with np.errstate(invalid="ignore"):
+        return int(np.count_nonzero(beside > CLEAR_VARIANCE * sigma**2)) >= FEWEST
 
 
 def _most_blur(

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from fringeworks import _core
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.signal.response import Response
+from fringeworks.stack.edge_errors import edge_variance
 from fringeworks.stack.edges import (
     Light,
     cover_blur_shift,
     fringes_of,
     remove_blur_shift,
 )
-from fringeworks.stack.edge_errors import edge_variance
 from fringeworks.stack.examine import Judgement, examine
 from fringeworks.stack.frames import (
     Planes,

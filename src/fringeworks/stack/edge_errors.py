@@ -46,6 +46,9 @@ BESIDE_PX = 2
 """Distance from such a pixel, along rows and columns, at which others may have smaller errors, px:
 blur of 1 px reaches as far."""
 
+STEEP_NOISE = (2.0 + 2.0 / 9.0) ** 0.5
+"""Noise of the slope over 2 px less that over 6 px, in that of a pixel."""
+
 TINY = 1e-9
 """Divides instead of a noise of zero, projector px."""
 
@@ -107,19 +110,17 @@ def edge_variance(
 
     Notes
     -----
-    The error of a pixel is estimated from its distance to what the pixels behind it extrapolate to
-    (``statistics.shrinkage``), together with the pixels at the same distance from an edge, or with
-    as large a shift by one more blur.
+    The error of a pixel is estimated from its distance to what the pixels on one side extrapolate
+    to, together with those of the other pixels of as large a shift (``statistics.shrinkage``).
     """
     map_ = _Map.of(coordinate, sigma, fringes["repeats_px"])
     known = np.isfinite(coordinate)
-    level = np.where(known, _steepness(map_, coordinate.shape, lines), 0.0)
     beside = known & _candidates(coordinate, sigma, fringes, modulation, lines)
+    level = np.where(known, _steepness(map_, coordinate.shape, lines), 0.0)
     if modulation is not None:
-        shift, noise = _shift_by_blur(coordinate, sigma, modulation, fringes, lines)
-        if removed is not None:
-            shift -= removed
-        np.fmax(level, np.abs(shift) / np.maximum(noise, TINY), out=level)
+        shift, by_noise = _shift_by_blur(coordinate, sigma, modulation, fringes, lines)
+        shift -= 0.0 if removed is None else removed
+        np.fmax(level, np.abs(shift) / np.maximum(by_noise, TINY), out=level)
     strong = level > SHIFTED
     beside |= known & _widened(strong, lines)
     here = map_.places(beside | strong)
@@ -130,8 +131,8 @@ def edge_variance(
     octave += 2 * REACH * ~strong[y - REACH, x - REACH]
     variance = np.zeros(map_.inside.size)
     for way in (1,) if lines else (1, map_.stride):
-        residual, noise_of = _cleaner(map_, here, way, step_px(fringes), _padded(level))
-        second = _shrunk(residual, noise_of, octave)
+        residual, noise = _cleaner(map_, here, way, step_px(fringes), _padded(level))
+        second = _shrunk(residual, noise, octave)
         variance[here] = np.maximum(variance[here], second)
     added = variance.reshape(-1, map_.stride)[REACH:-REACH, REACH:-REACH]
     return added.astype(np.float32) if np.any(added > 0.0) else None
@@ -156,7 +157,7 @@ def _steepness(map_: _Map, shape: tuple[int, int], lines: bool) -> FloatMap:
             if np.isfinite(map_.repeats):
                 rises = [rise - map_.repeats * np.round(rise / map_.repeats) for rise in rises]
             excess = np.abs(rises[0] - rises[1] / 3.0)
-            np.fmax(most, excess / (1.49 * np.maximum(at(map_.sigma, 0), TINY)), out=most)
+            np.fmax(most, excess / (STEEP_NOISE * np.maximum(at(map_.sigma, 0), TINY)), out=most)
     return most
 
 

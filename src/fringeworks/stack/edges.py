@@ -13,7 +13,6 @@ from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.patterns.order_chain import TURN
@@ -100,8 +99,8 @@ SLOPE_REACH = 3
 """Distance to both sides over which the slope along a line is taken, px."""
 
 CELLS_PER_PERIOD = 16.0
-"""Cells of a Gray code alone that count as a period of fringes: differences of four are a step, which
-is three times the noise of what six cells extrapolate to."""
+"""Cells of a Gray code alone that count as a period of fringes: differences of four are a step,
+three times the noise of what six cells extrapolate to."""
 
 STEEPEST = 0.25
 """Steepest slope of a coordinate along a line that is used, periods of the fringes per px."""

@@ -15,6 +15,7 @@ from fringeworks.stack.edge_errors import edge_variance
 from fringeworks.stack.edges import (
     FEWEST,
     USUAL_BLUR_PX2,
+    Fringes,
     Light,
     beside_steps,
     fringes_of,
@@ -199,15 +200,7 @@ def _compared(
     usual = sigma[np.isfinite(sigma)]
     if pull is not None and pull_px**2 > (NOTABLE_RATIO - 1.0) * median(usual) ** 2:
         findings = (*findings, words.pixel_grid(decoding.axis, pull.rms_px))
-    beside = edge_variance(
-        coordinate if blur is None else coordinate - blur,
-        sigma,
-        maps["modulation"],
-        blur,
-        lines=True,
-        **fringes,
-    )
-    edges = beside is not None and _are_clear(beside, sigma)
+    edges = _have_edges(coordinate, sigma, maps["modulation"], blur, fringes)
     if blur is not None:
         # Higher orders of the blur are left of large shifts: they say nothing of the scatter.
         coordinate = np.where(np.abs(blur) < sigma, coordinate - blur, np.float32(np.nan))
@@ -238,8 +231,18 @@ def _code_has_edges(decoding: Decoding, lines: list[NDArray[Any]], known: Known)
     return bool(beside_steps(maps["coordinate"], **fringes_of(decoding)).any())
 
 
-def _are_clear(beside: FloatMap, sigma: FloatMap) -> bool:
+def _have_edges(
+    coordinate: FloatMap,
+    sigma: FloatMap,
+    modulation: FloatMap,
+    blur: FloatMap | None,
+    fringes: Fringes,
+) -> bool:
     """Whether errors beside edges exceed the noise of single pixels at many of them."""
+    exact = coordinate if blur is None else coordinate - blur
+    beside = edge_variance(exact, sigma, modulation, blur, lines=True, **fringes)
+    if beside is None:
+        return False
     with np.errstate(invalid="ignore"):
         return int(np.count_nonzero(beside > CLEAR_VARIANCE * sigma**2)) >= FEWEST
 

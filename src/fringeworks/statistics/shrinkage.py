@@ -10,7 +10,7 @@ from fringeworks.types import FloatMap
 VARIANCES = np.concatenate([[0.0], 4.0 ** np.arange(-1, 10)])
 """Variances of the errors that the prior is a mixture of, over the usual noise: a factor of two in
 the standard deviation from one to the next leaves gaps that the mixture fills (Stephens,
-Biostatistics 18, 2017)."""
+Biostatistics 18, 2017, doi:10.1093/biostatistics/kxw041)."""
 
 FREE = 10.0
 """Values without an error that the prior holds beforehand, so that few values do not seem to have
@@ -52,7 +52,8 @@ def mean_square_errors(
     --------
     >>> rng = np.random.default_rng(1)
     >>> errors = np.where(np.arange(4000) < 40, 1.0, 0.0)
-    >>> second, mean = mean_square_errors(errors + 0.1 * rng.standard_normal(4000), np.full(4000, 0.01))
+    >>> seen = errors + 0.1 * rng.standard_normal(4000)
+    >>> second, mean = mean_square_errors(seen, np.full(4000, 0.01))
     >>> bool(second[:40].min() > 0.3), bool(np.median(second) < 0.001), round(mean, 2)
     (True, True, 0.01)
     """

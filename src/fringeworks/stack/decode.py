@@ -326,8 +326,8 @@ def compare_neighbours(
         scattered = sigma.copy()
         cover_scatter(coordinate, scattered, results["background"], decoding.most_scatter_px)
     if found.edges:
-        light = None if keep_blur or not decoding.sets else results["modulation"]
-        added = edge_variance(coordinate, sigma, light, removed, **fringes)
+        modulation = None if keep_blur or not decoding.sets else results["modulation"]
+        added = edge_variance(coordinate, sigma, modulation, removed, **fringes)
         if added is not None:
             np.sqrt(sigma**2 + added, out=sigma)
     if scattered is not None:

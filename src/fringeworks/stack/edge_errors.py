@@ -65,8 +65,8 @@ class _Map(NamedTuple):
     @classmethod
     def of(cls, coordinate: FloatMap, sigma: FloatMap, repeats: float) -> _Map:
         inside = np.pad(np.ones(coordinate.shape, bool), REACH)
-        maps = (_padded(values) for values in (coordinate, sigma))
-        return cls(*maps, inside.ravel(), inside.shape[1], repeats)
+        maps = _padded(coordinate), _padded(sigma)
+        return cls(maps[0], maps[1], inside.ravel(), inside.shape[1], repeats)
 
     def places(self, chosen: BoolMap) -> Indices:
         """Places of the chosen pixels in the flat maps."""

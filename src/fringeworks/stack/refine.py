@@ -322,8 +322,8 @@ def _of_pixels(decoding: Decoding, maps: dict[str, Any], known: Known, k: int) -
     apart = beside_steps(coordinate, **fringes_of(decoding))
     coordinate = np.where(apart, np.float32(np.nan), coordinate)
     slope = np.abs(np.diff(coordinate))
-    slope = median(slope[np.isfinite(slope)]) if np.isfinite(slope).any() else 0.0
-    reach_px = WITHIN_FRINGE * period / max(slope, TINY)
+    usual = median(slope[np.isfinite(slope)]) if np.isfinite(slope).any() else 0.0
+    reach_px = WITHIN_FRINGE * period / max(usual, TINY)
     return pixel_excess(coordinate, sigma, decoding.most_scatter_px, reach_px)
 
 

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from fringeworks import _core
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.signal.response import Response
+from fringeworks.stack.edge_errors import edge_variance
 from fringeworks.stack.edges import (
     Light,
     cover_blur_shift,
     fringes_of,
     remove_blur_shift,
-    sigma_beside_steps,
 )
 from fringeworks.stack.examine import Judgement, examine
 from fringeworks.stack.frames import (
@@ -305,11 +305,13 @@ def compare_neighbours(
     """
     decoding = found.decoding
     coordinate, sigma = results["coordinate"], results["sigma"]
-    fringes, blur_px = fringes_of(decoding), 0.0
+    fringes, blur_px, removed = fringes_of(decoding), 0.0, None
     if not keep_blur and (found.blurred or found.most_blur_px2 > 0.0):
         light = Light.of(results)
         if found.blurred:
+            before = coordinate.copy()
             blur_px = remove_blur_shift(coordinate, sigma, light, **fringes)
+            removed = before - coordinate
         if blur_px == 0.0 and found.most_blur_px2 > 0.0:
             cover_blur_shift(coordinate, sigma, light, found.most_blur_px2, **fringes)
     if typical_px is not None:
@@ -317,12 +319,20 @@ def compare_neighbours(
         _core.mark_isolated(*maps, typical=typical_px, repeats=decoding.repeats_px)
     if found.pull_px:
         np.hypot(sigma, np.float32(found.pull_px), out=sigma)
-    # Scatter beside steps, and the errors there, are the same: the larger σ counts.
-    beside = sigma_beside_steps(coordinate, sigma, **fringes) if found.steps else None
+    scattered = None
     if found.scatters:
+        # Scatter beside edges, and the errors there, are the same: the larger σ counts.
+        scattered = sigma.copy()
+        cover_scatter(coordinate, scattered, results["background"], decoding.most_scatter_px)
+    if found.edges:
+        modulation = None if keep_blur or not decoding.sets else results["modulation"]
+        added = edge_variance(coordinate, sigma, modulation, removed, **fringes)
+        if added is not None:
+            np.sqrt(sigma**2 + added, out=sigma)
+    if scattered is not None:
+        np.maximum(sigma, scattered, out=sigma)
+    elif found.blurred:
         cover_scatter(coordinate, sigma, results["background"], decoding.most_scatter_px)
-    if beside is not None:
-        np.maximum(sigma, beside, out=sigma)
     return blur_px
 
 

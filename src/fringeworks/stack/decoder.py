@@ -267,7 +267,8 @@ class Decoder:
         if found is None or self._depth or self._left_out or not _in_one_pass(found):
             return None
         raising = (
-            a.scatters or a.steps or a.pull_px or a.most_blur_px2 for a in found.axes.values()
+            a.scatters or a.edges or a.blurred or a.pull_px or a.most_blur_px2
+            for a in found.axes.values()
         )
         if not any(raising):
             return None

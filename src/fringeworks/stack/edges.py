@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.patterns.order_chain import TURN
@@ -97,6 +96,10 @@ FEWEST_EDGES = 5
 SLOPE_REACH = 3
 """Distance to both sides over which the slope along a line is taken, px."""
 
+CELLS_PER_PERIOD = 16.0
+"""Cells of a Gray code alone that count as a period of fringes: differences of four are a step,
+three times the noise of what six cells extrapolate to."""
+
 STEEPEST = 0.25
 """Steepest slope of a coordinate along a line that is used, periods of the fringes per px."""
 
@@ -125,7 +128,10 @@ class Fringes(TypedDict):
 
 def fringes_of(decoding: Decoding) -> Fringes:
     """What the coordinates of a decoding are measured by."""
-    return {"period_px": decoding.finest_px, "repeats_px": decoding.repeats_px}
+    period_px = decoding.finest_px
+    if decoding.gray is not None and not decoding.sets:
+        period_px = CELLS_PER_PERIOD * decoding.gray.step_px
+    return {"period_px": period_px, "repeats_px": decoding.repeats_px}
 
 
 class Light(NamedTuple):
@@ -478,63 +484,20 @@ def _regression(
     return found, error, float(max(spread, 0.0) ** 0.5)
 
 
-def sigma_beside_steps(
-    coordinate: FloatMap, sigma: FloatMap, **fringes: Unpack[Fringes]
-) -> FloatMap | None:
-    """Standard deviations with the errors that pixels beside depth steps show; None for no such.
-
-    Parameters
-    ----------
-    coordinate, sigma : (h, w) float32 arrays, projector px
-        NaN where a coordinate is unknown.
-
-    Returns
-    -------
-    (h, w) float32 array, projector px, or None
-
-    Notes
-    -----
-    A pixel with a share w < ½ of the light of another surface is off by less than a quarter of a
-    period; a difference of that size is a step. The variance of the pixels at 1, 2, 3 and 4 px
-    from a step grows by the mean square of their distances from what the pixels behind them
-    extrapolate to, less the share of noise.
-    """
-    rings: NDArray[np.uint8] = np.empty(coordinate.shape, np.uint8)
-    steps: _core._EdgeSteps = {"most": step_px(fringes), "repeats": fringes["repeats_px"]}
-    found = _core.edge_rings(coordinate, sigma, steps, rings)
-    added = np.zeros(len(found) + 1, np.float32)
-    for ring, (count, total, squares) in enumerate(found, start=1):
-        if count < FEWEST:
-            added[ring] = added[ring - 1]
-        elif total > SIGNIFICANT * squares**0.5:
-            added[ring] = total / count
-    if not added.any():
-        return None
-    variance = added[rings]
-    # A pixel in the middle of a blurred step continues neither side.
-    for along in (variance, variance.T):
-        middle = along[:, 1:-1]
-        np.maximum(middle, np.minimum(along[:, :-2], along[:, 2:]), out=middle)
-        # At the ends of a line no pixels are behind: what is next to them is off by as much.
-        for outer in (along, along[:, ::-1]):
-            near = outer[:, FITTED : FITTED + RINGS].max(axis=1, initial=0.0, keepdims=True)
-            np.maximum(outer[:, :FITTED], near, out=outer[:, :FITTED])
-    return np.asarray(np.sqrt(sigma**2 + variance))
-
-
-def has_steps(coordinate: FloatMap, **fringes: Unpack[Fringes]) -> bool:
-    """Whether coordinates along lines, (r, l), jump as at depth steps."""
-    repeats_px, length = fringes["repeats_px"], coordinate.shape[1] - 2
-    slope = 0.5 * (coordinate[:, 2:] - coordinate[:, :-2])
-    for distance in range(1, min(RINGS, length - 1) + 1):
-        here, ahead = coordinate[:, 2:-distance], coordinate[:, 2 + distance :]
-        jump = ahead - here - distance * slope[:, :-distance]
-        if np.isfinite(repeats_px):
-            jump -= repeats_px * np.round(jump / repeats_px)
-        with np.errstate(invalid="ignore"):
-            if np.any(np.abs(jump) >= step_px(fringes)):
-                return True
-    return False
+def beside_steps(coordinate: FloatMap, **fringes: Unpack[Fringes]) -> BoolMap:
+    """Pixels of lines, (r, l), within 4 px of a depth step or of an unmeasured pixel."""
+    beside = np.zeros(coordinate.shape, bool)
+    # Both directions, of views.
+    for values, marked in ((coordinate, beside), (coordinate[:, ::-1], beside[:, ::-1])):
+        slope = 0.5 * (values[:, 2:] - values[:, :-2])
+        for distance in range(1, min(RINGS, values.shape[1] - 3) + 1):
+            jump = values[:, 2 + distance :] - values[:, 2:-distance]
+            jump = jump - distance * slope[:, :-distance]
+            if np.isfinite(fringes["repeats_px"]):
+                jump -= fringes["repeats_px"] * np.round(jump / fringes["repeats_px"])
+            # True for NaN.
+            marked[:, 2:-distance] |= ~(np.abs(jump) < step_px(fringes))
+    return beside
 
 
 def step_px(fringes: Fringes) -> float:

@@ -12,15 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import TURN
+from fringeworks.stack.bit_states import cost_of_states
 from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.fits import SampleFit, fit_matrices, fit_samples, times
+from fringeworks.stack.hypothesis import Order
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.line_profile import line_ripple, sharp_residual
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.sample import Lines
 from fringeworks.stack.set_residuals import phase_variance
 from fringeworks.statistics.quantiles import quantile
-from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap
+from fringeworks.types import BoolMap, CameraNoise, FloatMap
 from fringeworks.types.computed import cached_property
 
 LIT = 0.3
@@ -54,12 +56,10 @@ RELATIVE_RESIDUAL = 1e-3
 NOISE_RESIDUAL = 4.0
 """Variance of a residual that begins to cost, over that of the noise: two standard deviations."""
 
-MISSING = 0.1
-"""Cost of the finest bit that is tried dark and bright, per pixel: ln 2 where it changes, which is
-at one pixel of three, over the 2.4 of a pixel without a coordinate."""
-
-SELDOM = 0.1
-"""Least share of that cost: of bits that change at few pixels."""
+CHANGE = (0.46, 0.29)
+"""Cost of neighbours that have a missing bit in different states, if it is the finest one, and of
+every coarser one more: ln 3, because it changes at one pixel of three, and ln 2, over the 2.4 of a
+pixel without a coordinate."""
 
 FEWEST_BRIGHT = 2
 """Fewest other bright frames of a pixel that the light of one is compared with."""
@@ -140,55 +140,6 @@ def _sharpest(phases: PhaseFrames) -> tuple[float, float]:
     share, steps = phases.line_px / phases.period_px, len(phases.frames)
     residual = sharp_residual(share, steps)
     return line_ripple(share, steps, residual), residual
-
-
-def _shown(order: Order, pattern: int) -> bool:
-    """Whether an order has a frame for a pattern."""
-    return pattern >= len(order.places) or order.places[pattern] is not None
-
-
-@dataclass(frozen=True)
-class OtherSteps:
-    """Sign and start of steps that differ from the plan's."""
-
-    axis: Axis
-    sign: float
-    """1, or −1 for steps that run backwards."""
-    start: float
-    """Start of the steps, turns."""
-    of_set: int | None = None
-    """Number of the set along the axis that takes these steps; None for all."""
-
-
-@dataclass(frozen=True)
-class OtherPeriod:
-    """Period of a set that differs from the plan's."""
-
-    axis: Axis
-    of_set: int
-    """Number of the set along the axis."""
-    px: float
-    """The period, projector px."""
-
-
-@dataclass(frozen=True)
-class Order:
-    """A hypothesis: which frame of the stack shows which pattern of the plan."""
-
-    places: tuple[int | None, ...]
-    """Frame of the stack that shows each pattern of the plan; None where none does."""
-    inverted: frozenset[int] = frozenset()
-    """Patterns that are shown with light and dark exchanged."""
-    since: int = 0
-    """First frame of the stack that sees the scene moved."""
-    moved_px: int = 0
-    """Shift of the image since then along the lines, camera px."""
-    steps: tuple[OtherSteps, ...] = ()
-    """Steps that differ from the plan's."""
-    exposure: tuple[int, float] | None = None
-    """A frame of the stack whose exposure is another, and how many times that of the others."""
-    period: OtherPeriod | None = None
-    """A period that differs from the plan's."""
 
 
 @dataclass(frozen=True)
@@ -276,7 +227,7 @@ class LineEvidence:
         if np.count_nonzero(self.triples) < MIN_JUDGED_PIXELS:
             return False
         cost, maps = self._cost(self.decoding, [self._planned])
-        known, bend = self._known(maps), self._bend([maps])
+        known, bend = self._known(maps), self._bend(maps)
         if self.jumps:
             return True
         if "apart" in maps and float(np.mean(maps["apart"][self.triples])) > LEAST_APART:
@@ -288,7 +239,7 @@ class LineEvidence:
     def jumps(self) -> bool:
         """Whether coordinates of frames as planned jump at more places than depth edges make."""
         _, maps = self._cost(self.decoding, [self._planned])
-        known, bend = self._known(maps), self._bend([maps])
+        known, bend = self._known(maps), self._bend(maps)
         return bool(np.count_nonzero(bend[known] >= 1.0) > JUMPS * np.count_nonzero(known))
 
     @property
@@ -299,7 +250,7 @@ class LineEvidence:
         known = self._known(maps)
         if np.count_nonzero(known) < FEW * np.count_nonzero(self.triples):
             return ""
-        jumps = float(np.mean(self._bend([maps])[known] >= 1.0))
+        jumps = float(np.mean(self._bend(maps)[known] >= 1.0))
         sets = len(self.decoding.sets)
         jumpy = self.decoding.gray is None and sets > 1 and jumps > JUMPS
         if jumpy and self._sets_unrelated(maps):
@@ -375,20 +326,21 @@ class LineEvidence:
         options = self._planes(order)
         if options is None:
             return None
-        cost, _ = self._cost(self._with_steps(order), options)
-        missing = self._missing(order) * (len(options) - 1)
-        return cost[self.triples] + missing + UNEXPLAINED * self._unexplained(order)
+        cost, maps = self._cost(self._with_steps(order), options, self._change(order))
+        if len(options) > 1 and order.lacks_one:
+            # A bit without its noise costs less as well: only its other state speaks for a fault.
+            planned, _ = self._cost(self.decoding, [self._planned])
+            cost = planned - maps["gain"]
+        return cost[self.triples] + UNEXPLAINED * self._unexplained(order)
 
-    def _missing(self, order: Order) -> float:
-        """Cost per pixel of a bit that is tried dark and bright: coarse bits change at few."""
-        gray = self.decoding.gray
-        if gray is None:
-            return MISSING
-        coarser = [len(gray.bits) - 1 - n for n, k in enumerate(gray.bits) if not _shown(order, k)]
-        return MISSING * max(0.5 ** min(coarser, default=0), SELDOM)
+    def _change(self, order: Order) -> float:
+        """Cost of a change of the bit that is missing: coarse bits change at few pixels."""
+        bits = () if self.decoding.gray is None else self.decoding.gray.bits
+        coarser = [len(bits) - 1 - n for n, k in enumerate(bits) if not order.shown(k)]
+        return CHANGE[0] + CHANGE[1] * min(coarser, default=0)
 
     def _cost(
-        self, decoding: Decoding, options: list[list[NDArray[Any]]]
+        self, decoding: Decoding, options: list[list[NDArray[Any]]], change: float = 0.0
     ) -> tuple[FloatMap, dict[str, Any]]:
         """Cost of every triple, (r, l − 2), and the maps of the first option.
 
@@ -398,24 +350,28 @@ class LineEvidence:
         """
         (first, *others), planned = options, self._planned
         if decoding is not self.decoding or others or not all(map(is_, first, planned)):
-            return self._cost_of(decoding, options)
+            return self._cost_of(decoding, options, change)
         # No cached_property: its lock is held while it computes, and a fork would inherit it.
         if not self._planned_cost:
-            self._planned_cost.append(self._cost_of(decoding, options))
+            self._planned_cost.append(self._cost_of(decoding, options, 0.0))
         return self._planned_cost[0]
 
     def _cost_of(
-        self, decoding: Decoding, options: list[list[NDArray[Any]]]
+        self, decoding: Decoding, options: list[list[NDArray[Any]]], change: float
     ) -> tuple[FloatMap, dict[str, Any]]:
         open_limits = self.limits.open
         maps = [decode_sample(decoding.free, p, self.noise, open_limits) for p in options]
-        cost = self._bend(maps)
+        states = self._bends(maps)
         if decoding.gray is not None and decoding.sets:
             bound = [decode_sample(decoding, p, self.noise, open_limits) for p in options]
-            refused = [np.isnan(found["coordinate"]) for found in bound]
-            astray = np.logical_and.reduce(refused) & np.isfinite(maps[0]["coordinate"])
-            maps[0]["astray"] = astray = astray[:, 1:-1]
-            cost = cost + ASTRAY * astray
+            for k, (found, free) in enumerate(zip(bound, maps, strict=True)):
+                astray = np.isnan(found["coordinate"]) & np.isfinite(free["coordinate"])
+                free["astray"] = astray[:, 1:-1]
+                states[:, k] += ASTRAY * free["astray"]
+        cost = self._constant(states)
+        if len(states) > 1:
+            changing = cost_of_states(np.where(self.triples, states, 0.0), change)
+            maps[0]["gain"], cost = cost - changing, changing
         if len(decoding.sets) > 1:
             maps[0]["apart"] = self._apart(decoding, maps[0])
             cost = cost + maps[0]["apart"]
@@ -453,8 +409,18 @@ class LineEvidence:
                     sets[k] = replace(s, shifts_rad=tuple(shifts))
         return replace(self.decoding, sets=tuple(sets))
 
-    def _bend(self, options: list[dict[str, Any]]) -> FloatMap:
-        """Cost of the second difference along the lines, (r, l − 2); the best of the options."""
+    def _bend(self, maps: dict[str, Any]) -> FloatMap:
+        """Cost of the second difference along the lines, (r, l − 2)."""
+        return np.asarray(self._bends([maps])[0, 0, 0])
+
+    def _constant(self, states: FloatMap) -> FloatMap:
+        """Cost of every triple by the likelier state of a bit, the same along all lines."""
+        every = [states[k, k, k] for k in range(len(states))]
+        return np.asarray(min(every, key=lambda cost: float(np.sum(cost[self.triples]))))
+
+    def _bends(self, options: list[dict[str, Any]]) -> FloatMap:
+        """Cost of the second difference along the lines, by the options of the three neighbours,
+        (n, n, n, r, l − 2)."""
         fine: Any
         if self.decoding.sets:
             finest = min(self.decoding.sets, key=lambda s: s.period_px)
@@ -468,13 +434,14 @@ class LineEvidence:
         if self.decoding.sets:
             sigma = options[0]["sigma"][:, 1:-1]
             fine = fine + SIGMAS * np.where(np.isfinite(sigma), sigma, 0.0)
-        best = np.full(self.triples.shape, np.float32(jump))
-        for a, b, c in product([found["coordinate"] for found in options], repeat=3):
-            bend = a[:, :-2] + c[:, 2:] - 2.0 * b[:, 1:-1]
+        maps = [found["coordinate"] for found in options]
+        costs = np.empty((len(maps),) * 3 + self.triples.shape)
+        for i, j, k in product(range(len(maps)), repeat=3):
+            bend = maps[i][:, :-2] + maps[k][:, 2:] - 2.0 * maps[j][:, 1:-1]
             if np.isfinite(self.decoding.repeats_px):
                 bend -= self.decoding.repeats_px * np.rint(bend / self.decoding.repeats_px)
-            best = np.fmin(best, np.abs(bend))
-        return np.asarray(np.log1p(best / fine) / np.log1p(jump / fine))
+            costs[i, j, k] = np.log1p(np.fmin(np.abs(bend), np.float32(jump)) / fine)
+        return np.asarray(costs / np.log1p(jump / fine))
 
     def _apart(self, decoding: Decoding, maps: dict[str, Any]) -> FloatMap:
         """Cost of the disagreement of the sets, (r, l − 2)."""

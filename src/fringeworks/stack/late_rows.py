@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import PatternPlan
-from fringeworks.stack.agreement import LineEvidence, Order
+from fringeworks.stack.agreement import LineEvidence
+from fringeworks.stack.hypothesis import Order
 from fringeworks.stack.other_patterns import AGAINST, FAR_BETTER, Evidence, gain_of
 from fringeworks.types import Axis, FloatMap, FramesContradictPlan
 

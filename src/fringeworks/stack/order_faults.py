@@ -11,7 +11,8 @@ import numpy as np
 
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, step_design
-from fringeworks.stack.agreement import DARK, SAME, LineEvidence, Order
+from fringeworks.stack.agreement import DARK, SAME, LineEvidence
+from fringeworks.stack.hypothesis import Order
 from fringeworks.stack.kernel_settings import decoding_of
 from fringeworks.stack.late_rows import refuse_late_rows
 from fringeworks.stack.other_orders import orders_of_other_programs

@@ -9,7 +9,8 @@ import numpy as np
 
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import PatternPlan
-from fringeworks.stack.agreement import LineEvidence, Order, OtherPeriod, OtherSteps
+from fringeworks.stack.agreement import LineEvidence
+from fringeworks.stack.hypothesis import Order, OtherPeriod, OtherSteps
 from fringeworks.stack.set_ratios import periods_by_ratios
 from fringeworks.stack.step_convention import Convention, convention, steps_in_words
 from fringeworks.types import Axis, Finding, FloatMap

@@ -341,9 +341,12 @@ def test_swapped_frames_are_named(steps, a, b):
 
 
 def test_frames_of_another_plan_are_refused():
-    plan, other = multi((29, 32, 36), 4), multi((29, 33, 37), 4)
+    plan, other = multi((29, 32, 36), 4), multi((29, 34, 41), 4)
     with pytest.raises(InputError, match="contradict each other all over the image"):
         decode(take(other), plan)
+    # But for the scale of the coordinates, 29, 33 and 37 are 28.2, 32 and 36.
+    with pytest.raises(InputError, match="33.1034 px along x have another period"):
+        decode(take(multi((29, 33, 37), 4)), plan)
     with pytest.raises(InputError, match="phases and Gray code are apart"):
         right = guarded(16.0)
         wrong = PatternPlan(960, 60, (PhaseSteps("x", 27.0, equal_steps(4)), *right.blocks[1:]))

@@ -44,6 +44,10 @@ SEARCHED = 0.06
 """Largest relative deviation of a frequency that is looked for: a period of 16 px that was meant as
 17 px."""
 
+WIDEST = 0.3
+"""The same for a deviation that is certainly no rounded period: where it fits better, the frames
+are of another plan."""
+
 FEWEST = 300
 """Smallest number of pairs for a statement."""
 
@@ -188,15 +192,20 @@ def _rate(
     if fringes < FEWEST_FRINGES or float(np.mean(expected**2)) < FEWEST_TURNS**2:
         return None
     angles = np.angle(turned) / TURN
-    count = 2 * int(np.ceil(SEARCHED * np.max(np.abs(expected)) / GRID_TURNS)) + 1
-    rates = 1.0 + np.linspace(-SEARCHED, SEARCHED, count)
 
     def left(rate: float) -> FloatMap:
         off = angles - rate * expected
         return np.asarray(off - np.rint(off))
 
-    spreads = {rate: robust_sigma(left(rate)) for rate in (*rates, *-rates)}
-    rate = min(spreads, key=spreads.__getitem__)
+    def best(searched: float) -> float:
+        count = 2 * int(np.ceil(searched * np.max(np.abs(expected)) / GRID_TURNS)) + 1
+        rates = 1.0 + np.linspace(-searched, searched, count)
+        spreads = {rate: robust_sigma(left(rate)) for rate in (*rates, *-rates)}
+        return float(min(spreads, key=spreads.__getitem__))
+
+    rate = best(SEARCHED)
+    if abs(abs(rate) - 1.0) > SYSTEMATIC and abs(abs(best(WIDEST)) - 1.0) > SEARCHED:
+        return None  # another plan
     for _ in range(PASSES):
         off = left(rate)
         scatter = max(robust_sigma(off), SMALLEST)

@@ -64,6 +64,11 @@ MAX_NAMED = 3
 """At most this many orders of one kind are named."""
 
 
+AGAINST_ONE = 0.1
+"""The same for a bit that no frame shows, in the order of the plan: pixels gain by its other state,
+or stay as they are. Dark bits of simulated captures lose 0.04; a dark one that the scene does not
+change, 0.25 or more, because a response that is not linear makes its orders rough."""
+
 OWN_AXES = 0.5
 """An order that exchanges the axes is not named where one that keeps them has more than this share
 of its gain. Where the axes are kept, that share is 0.6 or more in simulations."""
@@ -109,6 +114,7 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
             continue
         least = FAR_BETTER if hypothesis.kind not in ("moved", "start") else WORTH * planned.size
         against = AGAINST if None not in hypothesis.order.places else AGAINST_UNSEEN
+        against = AGAINST_ONE if hypothesis.order.lacks_one else against
         gain = gain_of(planned, cost, against)
         if gain > max(least, FAR_BETTER):
             fitting.append((gain, hypothesis))

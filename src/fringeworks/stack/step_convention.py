@@ -44,6 +44,10 @@ SMALLEST = 1e-9
 """Smallest length of a mean direction, so that its logarithm exists."""
 AGAINST_SIGMAS = 4.0
 """Standard deviations by which the phase clearly runs against the code: 16 borders that agree."""
+AT_BORDER_TURNS = 0.0128
+"""Standard deviation of what a response that is not linear changes between borders, turns: its
+ripple of 0.4 rad at most (γ of 2.2, three steps), and borders of bits that move with it, at five
+standard deviations."""
 MOST_BORDERS = 2000
 """Borders that the period is looked for with, at most."""
 CLEAR_SIGMAS = 5.0
@@ -188,7 +192,7 @@ def _convention(
     few = slice(None, None, max(1, borders // MOST_BORDERS))
     rate, _ = rate_of(at_border[few], turns[few], sign, SEARCHED)
     fitted, spread = seen(rate), float(np.std(turns))
-    error = fitted.start_error / max(spread, SMALLEST)
+    error = float(np.hypot(fitted.start_error, AT_BORDER_TURNS)) / max(spread, SMALLEST)
     at_edge = np.hypot(fitted.start_error, float(np.mean(turns)) * error)
     other = abs(rate - sign) > CLEAR_SIGMAS * error and fitted.scatter_turns < ALIKE_TURNS
     # What moved between the code and the fringes may look stretched, but hardly from the edge on.

@@ -74,7 +74,7 @@ def test_too_few_pixels_or_lines_tell_nothing():
     rng = np.random.default_rng(3)
     phase = rng.uniform(-np.pi, np.pi, (24, 600))
     ones = np.ones(phase.shape)
-    for used in (rng.random(phase.shape) < 0.05, np.arange(24)[:, None] + 0.0 * ones < 3.0):
+    for used in (rng.random(phase.shape) < 0.01, np.arange(24)[:, None] + 0.0 * ones < 3.0):
         light = Light(phase, used, ones, 0.0 * ones)
         assert with_light(unknown_ripple((1, 2, 3, 6), 3), light, 3, np.zeros(TABLE_BINS)) is None
     alike = Light(np.full(phase.shape, 0.3), ones > 0.0, ones, 0.0 * ones)
@@ -150,3 +150,19 @@ def test_a_response_is_named_and_a_linear_one_is_not():
         found = fw.decode(photographs(plan, columns, albedo, RESPONSES[name], rng), plan)
         told = {finding.kind for finding in found.findings} & {"response", "ripple"}
         assert told == (set() if name == "linear" else {"response"})
+
+
+@pytest.mark.parametrize("gamma", [1.8, 1.0])
+def test_an_unknown_response_is_in_sigma_where_nearly_all_is_saturated(gamma):
+    """Such captures once had 815,000 per million pixels beyond 5 σ."""
+    rng = np.random.default_rng(36)
+    blocks = (PhaseSteps("x", 48.0, equal_steps(3)), GrayCode("x", 24.0, LENGTH))
+    plan = PatternPlan(LENGTH, 480, (*blocks, Uniform("white"), Uniform("black")))
+    columns, albedo = scene("few fringes", rng)
+    frames = photographs(plan, columns, 1.6 * albedo, lambda v: v**gamma, rng)
+    found = fw.decode(frames, plan).x
+    ok = np.isfinite(found.coordinate_px)
+    assert ok.sum() > 1000
+    off = np.abs(found.coordinate_px - columns)[ok] / found.sigma_px[ok]
+    assert np.mean(off < 2.0) > 0.9
+    assert np.mean(off > 5.0) < 1e-4

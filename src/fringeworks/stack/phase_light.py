@@ -40,8 +40,8 @@ SPREAD_RAD = 0.005
 """Error of a ripple by the brightness from which on the spread of the phases is looked at as well,
 rad: its own error is seldom smaller."""
 
-MIN_PIXELS = 1000
-"""Smallest number of pixels that tell a ripple: noise of the modulation of 0.1 leaves 0.005."""
+MIN_PIXELS = 200
+"""Smallest number of pixels that tell a ripple: noise of the modulation of 0.1 leaves 0.01."""
 
 
 @dataclass(frozen=True)

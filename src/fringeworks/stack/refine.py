@@ -383,7 +383,7 @@ def _with_harmonics(
     if ripple is None:
         return phases, 0.0, []
     removed = bool(phases.table_turns or phases.design)
-    unsure = ripple.error_rad if removed else ripple.told_rad or 0.0
+    unsure = ripple.error_rad if removed else ripple.told_rad or ripple.unknown_rad
     clear = ripple.rms_rad > SURE * ripple.error_rad
     left = {k: z for k in ripple.orders if clear and (z := ripple.significant(k)) != 0}
     rms = ripple.rms_rad if clear or ripple.told else 0.0

@@ -137,6 +137,8 @@ class Ripple:
     """Number of places along the lines that it was seen at."""
     told_rad: float | None = None
     """Error of the part of a response, rms, rad, where the brightness of the fringes tells it."""
+    unknown_rad: float = 0.0
+    """What a response usually makes, rms, rad, where frames should show it but nothing does."""
     freedom: float = float("inf")
     """Degrees of freedom of the errors: two for every place but one."""
 

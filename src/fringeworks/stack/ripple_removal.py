@@ -139,7 +139,10 @@ def _ripple(
         told = with_light(found, light, steps, _table(phases, maps, k))
     if told is None:
         told = found if found.repeated else _with_spread(phases, maps, k, known, found)
-    return told if told.places or told.told else None
+        if light is not None and not told.places:
+            # Nearly all pixels are saturated, or few are lit.
+            told = replace(told, unknown_rad=usual_rad(steps, steps) / 2.0**0.5)
+    return told if told.places or told.told or told.unknown_rad else None
 
 
 def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known) -> Ripple | None:

@@ -257,9 +257,7 @@ def _ordered(
         lost = np.where(np.isfinite(corrected.sigma_px), found.sigma_px, np.nan)
         corrected = replace(corrected, sigma_px=sealed(lost))
         decoded = _with_map(decoded, corrected)
-    shadows = None
-    if not any(f.kind == "shadows" for f in scene.found.findings):
-        shadows = shadows_without_step(scene.prepared, scene.found.displacement)
+    shadows = shadows_without_step(scene.prepared, scene.found.displacement)
     told = (*told, *order_findings(scene.rig, known.map, period, shadows, checked))
     return decoded, told, zero_px
 

@@ -99,7 +99,7 @@ def order_findings(
     rig: Rig,
     known: CoordinateMap,
     period_px: float | None,
-    shadows: BoolMap | None,
+    shadows: BoolMap,
     orders: OrderCheck | None,
 ) -> tuple[Finding, ...]:
     """Findings about fringe orders.
@@ -111,9 +111,8 @@ def order_findings(
         Of the reference plane.
     period_px : float or None
         Period of the fringes in the projector, px.
-    shadows : (h, w) bool array, optional
-        Shadows that are wider by whole periods than the steps beside them; None where a finding of
-        the pair tells of shadows, which gives the same cause and more.
+    shadows : (h, w) bool array
+        Shadows that are wider by whole periods than the steps beside them.
     orders : OrderCheck or None
         What a range of depths said; None without one.
     """
@@ -121,8 +120,6 @@ def order_findings(
     step = "" if height is None else f" ({height:.2g} mm in the middle of the plane)"
     figures = {} if height is None else {"period_mm": height}
     found = [] if orders is None else [_ranged(orders, known, figures)]
-    if shadows is None:
-        return tuple(found)
     rows = np.count_nonzero(shadows.any(axis=1 if known.axis == "x" else 0))
     if rows >= MIN_LINES:
         found.append(

@@ -120,7 +120,13 @@ def _contour(
     field = _potential(corners, normals * area[:, None])
     field -= np.float32(np.average(corners.interpolated(field), weights=area))
     # A slope of the field per cell tells how near a vertex would be to a node.
-    least = NODE_SHARE * float(np.median(_slopes(field, np.rint(at).astype(np.intp))))
+    slope = float(np.median(_slopes(field, np.rint(at).astype(np.intp))))
+    # Few views leave the contour so open that it would end at the border of the grid.
+    for axis in range(3):
+        for end in (slice(1), slice(-1, None)):
+            face = np.moveaxis(field, axis, 0)[end]
+            np.maximum(face, np.float32(slope), out=face)
+    least = NODE_SHARE * slope
     near = np.flatnonzero(np.abs(field) < least)
     flat = field.ravel()
     flat[near] = np.where(flat[near] < 0, -least, least)

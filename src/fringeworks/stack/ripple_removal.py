@@ -13,7 +13,7 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames, lit_pixels
-from fringeworks.stack.phase_light import MOST_STEPS, Light, with_light
+from fringeworks.stack.phase_light import MIN_PIXELS, MOST_STEPS, Light, with_light
 from fringeworks.stack.phase_spread import spread_of, with_spread
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import (
@@ -139,8 +139,9 @@ def _ripple(
         told = with_light(found, light, steps, _table(phases, maps, k))
     if told is None:
         told = found if found.repeated else _with_spread(phases, maps, k, known, found)
-        if light is not None and not told.places:
-            # Nearly all pixels are saturated, or few are lit.
+        few = light is not None and np.count_nonzero(light.used) < MIN_PIXELS
+        if few and not told.places and len(decoding.sets) == 1:
+            # Nearly all pixels are saturated. Several sets show it by their differences.
             told = replace(told, unknown_rad=usual_rad(steps, steps) / 2.0**0.5)
     return told if told.places or told.told or told.unknown_rad else None
 

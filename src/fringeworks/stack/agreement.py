@@ -131,6 +131,11 @@ def _log1p(ratio: FloatMap) -> FloatMap:
     return np.asarray(np.log((1.0 + ratio).astype(np.float32, copy=False)))
 
 
+def _jumps(bends: FloatMap) -> bool:
+    """Whether more of the known bends are jumps than depth edges make."""
+    return bool(np.count_nonzero(bends >= 1.0) > JUMPS * bends.size)
+
+
 @lru_cache(maxsize=64)
 def _sharpest(phases: PhaseFrames) -> tuple[float, float]:
     """What sharp lines make without any fault: ripple, rad rms, and squared residuals of the fit,
@@ -228,7 +233,7 @@ class LineEvidence:
             return False
         cost, maps = self._cost(self.decoding, [self._planned])
         known, bend = self._known(maps), self._bend(maps)
-        if self.jumps:
+        if _jumps(bend[known]):
             return True
         if "apart" in maps and float(np.mean(maps["apart"][self.triples])) > LEAST_APART:
             return True
@@ -239,8 +244,7 @@ class LineEvidence:
     def jumps(self) -> bool:
         """Whether coordinates of frames as planned jump at more places than depth edges make."""
         _, maps = self._cost(self.decoding, [self._planned])
-        known, bend = self._known(maps), self._bend(maps)
-        return bool(np.count_nonzero(bend[known] >= 1.0) > JUMPS * np.count_nonzero(known))
+        return _jumps(self._bend(maps)[self._known(maps)])
 
     @property
     def unrelated(self) -> str:

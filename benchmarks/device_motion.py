@@ -6,20 +6,16 @@ of the source tree. Surfaces are formulas of time: nothing is shared with the pa
 
 from __future__ import annotations
 
-import argparse
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.outcomes import fill_table, plans
 from fringeworks import PatternPlan
-from fringeworks.files.atomic import write_text
-from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
-from fringeworks.report.tables import to_json
 from fringeworks.stack import decode_sequence
 from fringeworks.types import InputError
 
@@ -42,21 +38,7 @@ LEAST_WITHIN = 0.9
 GROSS_PX = 2.0
 """Errors beyond are gross, if they are beyond 5 σ as well."""
 
-PLANS = {
-    "hierarchical": PatternPlan(
-        COLUMNS, ROWS, tuple(PhaseSteps("x", p, equal_steps(4)) for p in (512.0, 96.0, 16.0))
-    ),
-    "Gray": PatternPlan(
-        COLUMNS,
-        ROWS,
-        (
-            GrayCode("x", 8.0, COLUMNS, offset_px=-4.0),
-            PhaseSteps("x", 16.0, equal_steps(4)),
-            Uniform("white"),
-            Uniform("black"),
-        ),
-    ),
-}
+PLANS = plans(COLUMNS, ROWS, (512.0, 96.0))
 
 
 class View(NamedTuple):
@@ -315,24 +297,15 @@ def line(outcome: Outcome) -> str:
     )
 
 
+def _with_plans(name: str, seed: int) -> Iterator[Outcome]:
+    """Outcomes of a scene with every plan."""
+    return (measured(name, plan, seed) for plan in PLANS)
+
+
 def main() -> int:
     """Fill the table, print it and write it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--seeds", default="0")
-    parser.add_argument("--cases", default=";".join(SCENES), help="names, separated by ;")
-    arguments = parser.parse_args()
-    rows: list[Outcome] = []
-    print(f"{'scene':24} {'seed':>4} {'plan':12} measured >5σ/M gross/M  1σ    2σ    rms  σ, px")
-    for name in arguments.cases.split(";"):
-        for plan in PLANS:
-            for seed in map(int, arguments.seeds.split(",")):
-                rows.append(measured(name, plan, seed))
-                print(line(rows[-1]), flush=True)
-    failed = sum(bool(row.failing) for row in rows)
-    print(f"{failed} of {len(rows)} outcomes fail")
-    write_text(arguments.out, to_json([asdict(row) | {"failing": row.failing} for row in rows]))
-    return 0
+    head = f"{'scene':24} {'seed':>4} {'plan':12} measured >5σ/M gross/M  1σ    2σ    rms  σ, px"
+    return fill_table(__doc__, SCENES, head, _with_plans, line)
 
 
 if __name__ == "__main__":

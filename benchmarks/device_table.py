@@ -6,11 +6,10 @@ the root of the source tree. Devices live on a clock that jumps: a case takes se
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +17,9 @@ import numpy as np
 from benchmarks.device_camera import ModelCamera
 from benchmarks.device_cases import CASES, Case
 from benchmarks.device_light import COLUMNS, ROWS, ModelProjector
-from fringeworks import PatternPlan, decode
-from fringeworks.files.atomic import write_text
+from benchmarks.outcomes import fill_table, plans
+from fringeworks import decode
 from fringeworks.files.setup import StoredSetup
-from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
-from fringeworks.report.tables import to_json
 from fringeworks.scan.bench import Bench, Take, take, take_in_memory
 from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.setup import SetupStopped, set_up
@@ -35,21 +32,7 @@ LEAST_MEASURED = 0.98
 LONGEST_SETUP_S = 90.0
 """Device time that a set-up may take, s."""
 
-PLANS = {
-    "hierarchical": PatternPlan(
-        COLUMNS, ROWS, tuple(PhaseSteps("x", p, equal_steps(4)) for p in (256.0, 64.0, 16.0))
-    ),
-    "Gray": PatternPlan(
-        COLUMNS,
-        ROWS,
-        (
-            GrayCode("x", 8.0, COLUMNS, offset_px=-4.0),
-            PhaseSteps("x", 16.0, equal_steps(4)),
-            Uniform("white"),
-            Uniform("black"),
-        ),
-    ),
-}
+PLANS = plans(COLUMNS, ROWS, (256.0, 64.0))
 
 
 @dataclass
@@ -181,22 +164,8 @@ def line(outcome: Outcome) -> str:
 
 def main() -> int:
     """Fill the table, print it and write it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--seeds", default="0")
-    parser.add_argument("--cases", default=";".join(CASES), help="names, separated by ;")
-    arguments = parser.parse_args()
-    rows: list[Outcome] = []
-    print(f"{'case':31} {'seed':>4} {'plan':12} {'way':9} measured >5σ/M gross/M    1σ    2σ")
-    for name in arguments.cases.split(";"):
-        for seed in map(int, arguments.seeds.split(",")):
-            for outcome in scans(name, seed):
-                rows.append(outcome)
-                print(line(outcome), flush=True)
-    failed = sum(bool(row.failing) for row in rows)
-    print(f"{failed} of {len(rows)} outcomes fail")
-    write_text(arguments.out, to_json([asdict(row) | {"failing": row.failing} for row in rows]))
-    return 0
+    head = f"{'case':31} {'seed':>4} {'plan':12} {'way':9} measured >5σ/M gross/M    1σ    2σ"
+    return fill_table(__doc__, CASES, head, scans, line)
 
 
 if __name__ == "__main__":

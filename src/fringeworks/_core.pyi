@@ -589,6 +589,10 @@ class _Table(TypedDict):
     turns: Sequence[float]
     brightness: Sequence[float]
 
+class _Harmonics(TypedDict):
+    orders: Sequence[int]
+    shares: list[float]
+
 class _PhaseSet(TypedDict):
     frames: list[int]
     shifts: list[float]
@@ -596,6 +600,7 @@ class _PhaseSet(TypedDict):
     period: float
     floor: float
     whole: bool
+    harmonics: _Harmonics
     table: _Table
 
 class _GrayCode(TypedDict):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from fringeworks import PatternPlan
 
@@ -20,6 +21,31 @@ def fit(samples: np.ndarray, shifts: np.ndarray, limit: float) -> tuple[float, f
     covariance = np.linalg.inv(design.T @ design)[1:, 1:]
     across = np.array([-s, c]) / (c * c + s * s)
     return float(np.arctan2(s, c)), float(np.hypot(c, s)), float(across @ covariance @ across)
+
+
+def fit_with_harmonics(
+    samples: np.ndarray, shifts: np.ndarray, shares: np.ndarray, limit: float
+) -> tuple[float, float]:
+    """Phase (rad) and its variance for noise of one count, of fringes with harmonics 2, 3, 4.
+
+    ``shares`` (N, 6) are those of B cos kφ and B sin kφ in every frame. A saturated sample was at
+    least at the limit.
+    """
+    design = np.column_stack((np.ones(samples.size), np.cos(shifts), np.sin(shifts)))
+    value, kept = np.minimum(samples, limit), samples < limit
+
+    def left(found: np.ndarray) -> np.ndarray:
+        phase, modulation = np.arctan2(found[2], found[1]), np.hypot(found[1], found[2])
+        parts = [part(k * phase) for k in (2, 3, 4) for part in (np.cos, np.sin)]
+        off = value - design @ found - modulation * (shares @ np.array(parts))
+        return np.where(kept, off, np.maximum(off, 0.0))
+
+    start = np.linalg.lstsq(design, value, rcond=None)[0]
+    best = least_squares(left, start, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    _, c, s = best.x
+    across = np.array([0.0, -s, c]) / (c * c + s * s)
+    covariance = np.linalg.inv(best.jac.T @ best.jac)
+    return float(np.arctan2(s, c)), float(across @ covariance @ across)
 
 
 def decode_pixel(

@@ -4,7 +4,8 @@ use crate::rows::{refuse, rows_of, rows_of_mut};
 use crate::threads::{alone, detached};
 use fringeworks::Error;
 use fringeworks::decode::{
-    self, Against, Chain, GrayCode, Limits, Noise, Outputs, PhaseSet, Table, decodes_alone,
+    self, Against, Chain, GrayCode, Harmonics, Limits, Noise, Outputs, PhaseSet, Table,
+    decodes_alone,
 };
 use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray2};
 use pyo3::prelude::*;
@@ -25,8 +26,17 @@ pub struct SetItems {
     period: f64,
     floor: f32,
     whole: bool,
+    harmonics: HarmonicItems,
     /// Response: phase errors (turns) and brightnesses (counts), or nothing.
     table: TableItems,
+}
+
+/// What the fit leaves of every frame, row after row, in shares of the harmonics of these orders.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct HarmonicItems {
+    orders: Vec<u32>,
+    shares: Vec<f64>,
 }
 
 #[derive(FromPyObject)]
@@ -41,6 +51,10 @@ impl SetItems {
         let mut set = PhaseSet::new(self.frames, &self.shifts, self.design, self.period)?;
         set.floor = self.floor;
         set.whole = self.whole;
+        set.harmonics = Harmonics {
+            orders: self.harmonics.orders,
+            shares: self.harmonics.shares,
+        };
         set.table = Table {
             turns: self.table.turns,
             brightness: self.table.brightness,

@@ -38,10 +38,11 @@ from fringeworks.stack.kernel_settings import (
     reused_maps,
 )
 from fringeworks.stack.local_errors import inflation
-from fringeworks.stack.neighbours import maps_of_votes, vote
+from fringeworks.stack.neighbours import maps_of_votes, vote, worth_voting
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.refine import Refined
 from fringeworks.stack.refusal import saturation_first, without_lacking_axes
+from fringeworks.stack.region_orders import decide_by_regions
 from fringeworks.stack.sample import take_sample
 from fringeworks.statistics.surface_scatter import cover_scatter
 from fringeworks.types import (
@@ -283,6 +284,8 @@ def measure_axis(
         in_bands(planes, results, partial(_run, kernel))
     if found.votes:
         vote(decoding, kernel, results)
+        if decoding.gray is None and worth_voting(decoding, results):
+            decide_by_regions(decoding, planes, results, (noise, limits))
 
 
 def typical_step(found: Refined, results: dict[str, Any]) -> float:

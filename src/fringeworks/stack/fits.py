@@ -13,11 +13,8 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.patterns.plan import SINGULAR_CONDITION
-from fringeworks.stack.kernel_settings import PhaseFrames
+from fringeworks.stack.kernel_settings import HARMONICS, PhaseFrames
 from fringeworks.types import BoolMap, FloatMap, InputError
-
-HARMONICS = (2, 3, 4)
-"""Harmonics of the fringe that a response which is not linear adds; higher ones are weak."""
 
 DesignRows = tuple[tuple[float, float, float], ...]
 """What every frame of a set shows of A, c and s."""

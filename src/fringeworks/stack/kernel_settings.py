@@ -27,6 +27,9 @@ from fringeworks.types import (
     unsealed,
 )
 
+HARMONICS = (2, 3, 4)
+"""Harmonics of the fringe that a response which is not linear adds; higher ones are weak."""
+
 MIN_SNR = 4.0
 """Smallest modulation of a fringe, in standard deviations of the modulation.
 
@@ -135,6 +138,10 @@ class PhaseFrames:
             "period": self.period_px,
             "floor": self.floor_rad**2,
             "whole": self.line_px is not None,
+            "harmonics": {
+                "orders": HARMONICS if self.harmonics else (),
+                "shares": [share for row in self.harmonics for share in row],
+            },
             "table": {"turns": list(self.table_turns), "brightness": list(self.brightness)},
         }
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from fringeworks import _core
 from fringeworks._lazy import scipy
-from fringeworks.stack.fits import HARMONICS, harmonic_noise
+from fringeworks.stack.fits import harmonic_noise
 from fringeworks.stack.frames import Planes, in_bands
-from fringeworks.stack.kernel_settings import Decoding, Limits, lit_pixels
+from fringeworks.stack.kernel_settings import HARMONICS, Decoding, Limits, lit_pixels
 from fringeworks.types import CameraNoise, FloatMap
 
 NEIGHBOURHOOD = 5

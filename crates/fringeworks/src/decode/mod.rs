@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use std::ops::{Deref, DerefMut};
 
 use fit::Frames;
-pub use fit::{PhaseSet, TABLE_BINS, Table};
+pub use fit::{Harmonics, PhaseSet, TABLE_BINS, Table};
 pub use gray_code::{Against, GrayCode};
 pub use orders::{Chain, Limits, Noise};
 pub use outputs::Outputs;

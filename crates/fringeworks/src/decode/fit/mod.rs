@@ -2,6 +2,7 @@
 
 mod angle;
 mod frames;
+mod harmonics;
 mod saturation;
 mod set;
 mod solver;
@@ -12,7 +13,7 @@ use super::{DecodeSettings, Line, Sample};
 
 pub use frames::Frames;
 use saturation::{clear, leave_out, refit};
-pub use set::PhaseSet;
+pub use set::{Harmonics, PhaseSet};
 use solver::solve;
 pub use sums::Sums;
 pub use table::{TABLE_BINS, Table};

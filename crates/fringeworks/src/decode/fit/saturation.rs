@@ -1,8 +1,9 @@
 //! The fit without samples at the sensor's limit.
 
 use super::angle::angle;
+use super::harmonics::with_harmonics;
 use super::set::PhaseSet;
-use super::solver::{Solution, amplitudes, solution};
+use super::solver::{Matrix, Solution, amplitudes, solution};
 use super::sums::{Saturated, Sums, SumsAt};
 use super::{Fitted, NO_PRECISION};
 use crate::decode::{BLOCK_PIXELS, Frames, Sample};
@@ -10,10 +11,11 @@ use crate::decode::{BLOCK_PIXELS, Frames, Sample};
 /// Choices of samples that are kept in mind: all of four steps, and few enough to look through.
 const MOST_SOLUTIONS: usize = 16;
 
-/// Whether leaving one sample out is a short update: equal steps, and enough samples left.
+/// Whether leaving one sample out is a short update: equal steps without harmonics, and enough
+/// samples left.
 #[inline(always)]
 fn can_update(set: &PhaseSet) -> bool {
-    set.solver.balanced && set.steps() > 3
+    set.solver.balanced && set.steps() > 3 && set.harmonics.shares.is_empty()
 }
 
 /// Correct the fit of a block's pixels that have one saturated sample, whose sums lack it. Returns
@@ -67,7 +69,10 @@ pub fn clear(saturated: &Saturated, out: &mut Fitted) {
     }
 }
 
-/// Fit pixels of a block with several saturated samples one by one.
+/// Fit pixels of a block with saturated samples one by one.
+///
+/// Harmonics that all samples of a set leave over, the others take for a phase: they are fitted with
+/// it, so that the phase is what all samples would have shown.
 #[cold]
 pub fn refit<T: Sample>(
     frames: &Frames<'_, T>,
@@ -79,8 +84,18 @@ pub fn refit<T: Sample>(
     let mut known = Solutions::default();
     for &i in pixels {
         let (kept, sums) = frames.kept(set, at + i, limit);
-        match known.of(set, kept) {
-            Some(solution) => store_pixel(solution, sums, i, out),
+        let found = known.of(set, kept).map(|m| (solved(m, sums), m.covariance));
+        let found = if found.is_some() && !set.harmonics.shares.is_empty() {
+            let value = |n: usize| {
+                let sample = frames.planes[set.frames[n]][at + i].value();
+                f64::from(if sample >= limit { limit } else { sample })
+            };
+            with_harmonics(set, kept, value)
+        } else {
+            found
+        };
+        match found {
+            Some((amplitudes, covariance)) => store_pixel(amplitudes, &covariance, i, out),
             None => clear_pixel(i, out),
         }
     }
@@ -108,12 +123,14 @@ impl Solutions {
     }
 }
 
-fn store_pixel(solution: &Solution, sums: [f32; 3], i: usize, out: &mut Fitted) {
-    let m = &solution.inverse;
-    let solve = |row: &[f64; 3]| (0..3).map(|j| row[j] * f64::from(sums[j])).sum::<f64>();
-    let (a, c, s) = (solve(&m[0]), solve(&m[1]), solve(&m[2]));
+/// A, c and s from the sums of the kept frames.
+fn solved(solution: &Solution, sums: [f32; 3]) -> [f64; 3] {
+    let product = |row: [f64; 3]| (0..3).map(|j| row[j] * f64::from(sums[j])).sum();
+    solution.inverse.map(product)
+}
+
+fn store_pixel([a, c, s]: [f64; 3], m: &Matrix, i: usize, out: &mut Fitted) {
     let power = c * c + s * s;
-    let m = &solution.covariance;
     let spread = m[2][2] * c * c + m[1][1] * s * s - 2.0 * m[1][2] * c * s;
     out.turns[i] = angle(s as f32, c as f32);
     out.precision[i] = (power * power / spread) as f32;

@@ -1,5 +1,6 @@
 //! The frames of one period, and the least-squares problem of their shifts.
 
+use super::harmonics::MOST_ORDERS;
 use super::solver::{Solver, planned_row};
 use super::table::Table;
 use crate::{Error, check_value};
@@ -10,6 +11,27 @@ const STEPS: RangeInclusive<usize> = 3..=64;
 
 /// Errors of a cosine that are its rounding: far below that of an f32, which the sums are computed in.
 const ROUNDING: f64 = 1e-12;
+
+/// What the fit of A, c and s leaves of every frame of a set, in shares of its harmonics.
+#[derive(Clone, Default)]
+pub struct Harmonics {
+    /// Orders k, rising from 2.
+    pub orders: Vec<u32>,
+    /// Shares of B cos kφ and B sin kφ, order after order, frame after frame; nothing where empty.
+    pub shares: Vec<f64>,
+}
+
+impl Harmonics {
+    fn check(&self, frames: usize) -> Result<(), Error> {
+        let orders = &self.orders;
+        let rising = orders.is_sorted_by(|a, b| a < b) && orders.iter().all(|&k| k > 1);
+        check_value("orders", rising, "rising from 2", orders)?;
+        let few = orders.len() <= MOST_ORDERS;
+        check_value("orders", few, "at most 8", orders.len())?;
+        let expected = 2 * frames * orders.len();
+        crate::check_length("harmonics", self.shares.len(), expected)
+    }
+}
 
 /// Frames I_n = A + B cos(φ − δ_n) of one period.
 pub struct PhaseSet {
@@ -24,6 +46,8 @@ pub struct PhaseSet {
     /// Whether all samples are needed: a pattern that is no cosine has harmonics, which the fit leaves
     /// out only with all of them. A pixel with a sample at the limit then has no phase.
     pub whole: bool,
+    /// Harmonics that matter where samples at the limit are left out.
+    pub harmonics: Harmonics,
     cos: Vec<f32>,
     sin: Vec<f32>,
     /// Steps where cos δ is 1 and −1, then those where sin δ is: four steps of a quarter turn.
@@ -74,6 +98,7 @@ impl PhaseSet {
             table: Table::default(),
             floor: 0.0,
             whole: false,
+            harmonics: Harmonics::default(),
             quarters: quarters(shifts),
             cos: shifts.iter().map(|d| d.cos() as f32).collect(),
             sin: shifts.iter().map(|d| d.sin() as f32).collect(),
@@ -86,6 +111,7 @@ impl PhaseSet {
         let inside = self.frames.iter().all(|&k| k < frames);
         check_value("frames of a set", inside, "frames that exist", &self.frames)?;
         check_value("floor", self.floor >= 0.0, ">= 0", self.floor)?;
+        self.harmonics.check(self.steps())?;
         self.table.check()
     }
 

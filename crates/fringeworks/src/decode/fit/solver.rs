@@ -69,26 +69,30 @@ pub fn solution(
     })
 }
 
-/// Inverse of the matrix of the normal equations of some frames.
-fn invert(g: &Matrix, frames: f64) -> Option<Matrix> {
+/// Inverse of the matrix of the normal equations of some frames; `None` where they hardly determine
+/// the unknowns.
+pub fn invert(g: &Matrix, frames: f64) -> Option<Matrix> {
+    let (inverse, determinant) = inverse(g);
+    // N equal steps have the determinant N · N/2 · N/2.
+    let equal = frames.powi(3) / 4.0;
+    (determinant > MIN_DETERMINANT * equal).then_some(inverse)
+}
+
+/// Inverse of a matrix, and its determinant.
+pub fn inverse(g: &Matrix) -> (Matrix, f64) {
     let minor = |i: usize, j: usize| {
         let (a, b) = ((i + 1) % 3, (i + 2) % 3);
         let (c, d) = ((j + 1) % 3, (j + 2) % 3);
         g[a][c] * g[b][d] - g[a][d] * g[b][c]
     };
     let determinant = (0..3).map(|j| g[0][j] * minor(0, j)).sum::<f64>();
-    // N equal steps have the determinant N · N/2 · N/2.
-    let equal = frames.powi(3) / 4.0;
-    if determinant <= MIN_DETERMINANT * equal {
-        return None;
-    }
     let mut out = [[0.0; 3]; 3];
     for i in 0..3 {
         for j in 0..3 {
             out[i][j] = minor(j, i) / determinant;
         }
     }
-    Some(out)
+    (out, determinant)
 }
 
 /// Solver of the normal equations of all samples of a set.

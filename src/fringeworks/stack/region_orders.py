@@ -1,0 +1,292 @@
+"""Fringe orders of whole regions of a surface.
+
+Light between surfaces, a response or defocus shift the phases of wide fringes by smooth amounts
+that no average over a few neighbours takes out. The finest fringes are hardly shifted. Unwrapped
+over a region without steps, they leave one whole number of their periods unknown, on which the
+phases of all its pixels decide together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks import _core
+from fringeworks._lazy import scipy
+from fringeworks.patterns.order_chain import TURN, order_chain
+from fringeworks.stack.frames import Planes
+from fringeworks.stack.kernel_settings import Decoding, Limits, empty_maps
+from fringeworks.stack.neighbours import ERROR_RATE
+from fringeworks.types import BoolMap, CameraNoise, FloatMap, Reason
+
+STEEPEST = 0.25
+"""Largest difference of neighbouring coordinates on one surface, in periods of the finest fringes:
+half of that at which unwrapping goes wrong. Pixels beside larger ones are in no region."""
+
+MIN_REGION = 200
+"""Smallest number of pixels of a region: those of a few windows that errors are averaged in."""
+
+BLOCK = 16
+"""Side of the blocks, px, by whose means the errors of a region are compared: larger than what
+noise or edges correlate over."""
+
+SHARED_RAD = 0.05
+"""Error of wide fringes that all parts of a region usually share, rad. In a corner of white walls,
+which light each other, it is 0.1; there, the parts also differ by 0.17."""
+
+WINDOW = 5
+"""Side of the window, px, whose mean must fit the order of its region as a pixel does: parts of
+another depth stand out in it, by less noise."""
+
+
+@dataclass(frozen=True)
+class _Unwrapped:
+    """The finest fringes, unwrapped over regions without steps."""
+
+    place: FloatMap
+    """(h, w): coordinates, up to whole periods that all pixels of a region share, px."""
+    region: NDArray[np.uint32]
+    """(h, w): number of the region, from the largest, 1, on; 0 beside steps."""
+    sigma: FloatMap
+    """(h, w): standard deviation of the coordinates, px."""
+
+
+@dataclass(frozen=True)
+class _Region:
+    """What the other sets show at the pixels of a region, beside the unwrapped fringes."""
+
+    pixels: NDArray[np.intp]
+    """(n,): indices of the pixels."""
+    middle: FloatMap
+    """(M,): phases of the sets less those of the coordinates, mean, turns."""
+    off: FloatMap
+    """(M, n): the same of every pixel, about the mean, turns."""
+    noise: FloatMap
+    """(M,): mean variances of the phases by noise, turns²."""
+    usual: FloatMap
+    """(M,): variances of the errors beside noise in the whole image, turns²."""
+
+    @property
+    def smooth(self) -> FloatMap:
+        """(M,): variances of the errors beside noise, turns²."""
+        return np.asarray(np.maximum(self.off.var(axis=1) - self.noise, 0.0))
+
+    def of_mean(self, width: int) -> FloatMap:
+        """(M,): variances of the mean errors before they are known, turns²."""
+        parts = [_parts(row - row.mean(), self.pixels, width) for row in self.off]
+        shared = np.maximum(self.usual - self.smooth, 0.0) + (SHARED_RAD / TURN) ** 2
+        return np.asarray(self.smooth / parts + shared + self.noise / self.pixels.size)
+
+
+def decide_by_regions(
+    decoding: Decoding,
+    planes: Planes,
+    results: dict[str, Any],
+    known: tuple[CameraNoise, Limits],
+) -> None:
+    """Decide ambiguous orders of whole regions, in place.
+
+    Parameters
+    ----------
+    decoding : Decoding
+        Of several sets without a Gray code.
+    planes : (h, w) arrays in the order of ``decoding``, counts
+    results : the kernel's maps, with those of ``maps_of_votes``
+    known : noise of the camera and limits
+
+    Notes
+    -----
+    With an order, the phases of set m are off by d_m turns in the mean of a region. The errors are
+    smooth: the variance v_m of d_m is theirs over the number of parts of the region in which they
+    are independent, by the correlation of the means of blocks. Added is what all parts may share:
+    ``SHARED_RAD``², the errors of the whole image that the region does not show by itself, and d_m²
+    of the most likely order. Another order is less likely by the exponential of half the difference
+    of Σ d_m² / v_m. An order counts where all others together are less likely than ``ERROR_RATE``,
+    at pixels whose own phases, and the mean of whose window, are nearer to it than to any other.
+    """
+    if not decoding.absolute:
+        return
+    finest = min(range(len(decoding.sets)), key=lambda k: decoding.sets[k].period_px)
+    unwrapped = _unwrapped(decoding, finest, planes, known)
+    if unwrapped is None:
+        return
+    order = np.argsort(unwrapped.region, axis=None, kind="stable")
+    starts = np.flatnonzero(np.diff(unwrapped.region.flat[order], prepend=0))
+    for pixels in np.split(order, starts)[1:]:
+        if pixels.size < MIN_REGION:
+            break  # they come by size
+        _decide(decoding, finest, unwrapped, pixels, results)
+
+
+def _unwrapped(
+    decoding: Decoding, finest: int, planes: Planes, known: tuple[CameraNoise, Limits]
+) -> _Unwrapped | None:
+    phases = decoding.sets[finest]
+    period = phases.period_px
+    alone = replace(
+        decoding,
+        sets=(phases,),
+        chain=order_chain([period], (-0.5, period - 0.5), circular=True),
+        length_px=period,
+        absolute=False,
+        order_errors=(),
+    )
+    maps = empty_maps(planes[0].shape)
+    own = [planes[decoding.frames.index(k)] for k in alone.frames]
+    _core.decode_frames(own, alone.kernel(*known), maps)
+    turns = maps["coordinate"] / np.float32(period)
+    smooth = (maps["reason"] == Reason.OK) & ~_beside_steps(turns)
+    if not smooth.any():
+        return None
+    phase = np.where(smooth, TURN * turns, 0.0).astype(np.float32)
+    found, region = _core.unwrap_reliability(phase, smooth.view(np.uint8), None)
+    place: FloatMap = found.astype(np.float64) * (period / TURN)
+    return _Unwrapped(place, region, maps["sigma"])
+
+
+def _beside_steps(turns: FloatMap) -> BoolMap:
+    """Pixels whose coordinate differs from that of a neighbour by more than surfaces do."""
+    beside = np.zeros(turns.shape, bool)
+    for axis in (0, 1):
+        off = np.diff(turns, axis=axis)
+        with np.errstate(invalid="ignore"):
+            steep = np.abs(off - np.rint(off)) > STEEPEST
+        for pair in ((0, 1), (1, 0)):
+            beside |= np.pad(steep, [pair, (0, 0)] if axis == 0 else [(0, 0), pair])
+    return beside
+
+
+def _decide(
+    decoding: Decoding,
+    finest: int,
+    unwrapped: _Unwrapped,
+    pixels: NDArray[np.intp],
+    results: dict[str, Any],
+) -> None:
+    """Decide the order of a region, and write it. Pixels that were measured with another one become
+    ambiguous."""
+    others = [k for k in range(len(decoding.sets)) if k != finest]
+    period = decoding.sets[finest].period_px
+    periods = np.array([decoding.sets[k].period_px for k in others])
+    place = unwrapped.place.flat[pixels]
+    turns = np.stack([results["phases"][k].flat[pixels] for k in others]) / TURN
+    off = turns - place / periods[:, None]
+    middle = np.angle(np.mean(np.exp(1j * TURN * off), axis=1)) / TURN
+    noise = [float(np.mean(results["variances"][k].flat[pixels])) / TURN**2 for k in others]
+    usual = (np.array([decoding.sets[k].floor_rad for k in others]) / TURN) ** 2
+    found = _Region(pixels, middle, _wrapped(off - middle[:, None]), np.array(noise), usual)
+    # Orders that leave half of the region in the range, and what each explains.
+    lowest, highest = -0.5 - np.median(place), decoding.length_px - 0.5 - np.median(place)
+    orders = np.arange(np.ceil(lowest / period), np.floor(highest / period) + 1.0)
+    best = _best(found, np.outer(orders, period / periods), unwrapped.place.shape[1])
+    if best is None:
+        return
+    coordinate = place + orders[best] * period
+    error = _wrapped(off - orders[best] * period / periods[:, None])
+    fits = _nearest(found, error, period / periods, decoding.length_px / period, unwrapped.region)
+    fits &= (coordinate > -0.5) & (coordinate < decoding.length_px - 0.5)
+    _write(found, fits, coordinate, unwrapped.sigma, results)
+    known = results["coordinate"].flat[pixels]
+    with np.errstate(invalid="ignore"):
+        other = pixels[np.abs(known - coordinate) > 0.5 * period]
+    results["coordinate"].flat[other] = results["sigma"].flat[other] = np.nan
+    results["reason"].flat[other] = Reason.ORDER_AMBIGUOUS
+
+
+def _best(found: _Region, explained: FloatMap, width: int) -> int | None:
+    """Number of the only likely order; None where there are several.
+
+    ``explained``: what every order makes of the phases, (K, M) turns.
+    """
+    mean = _wrapped(found.middle + found.off.mean(axis=1) - explained)
+    variance = found.of_mean(width)
+    # The nearest order says how large errors are that all parts share.
+    nearest = int(np.argmin(np.sum(mean**2 / (found.smooth + found.noise), axis=1)))
+    square = np.sum(mean**2 / (variance + mean[nearest] ** 2), axis=1)
+    likely = np.exp(-0.5 * (square - square.min()))
+    best = int(np.argmin(square))
+    return best if likely.sum() - 1.0 < ERROR_RATE else None
+
+
+def _nearest(
+    found: _Region,
+    error: FloatMap,
+    shares: FloatMap,
+    most: float,
+    region: NDArray[np.uint32],
+) -> BoolMap:
+    """Pixels whose phases, and the mean of whose window, are nearer to their order than to others.
+
+    ``error``: of the sets with that order, (M, n) turns; ``shares``: turns of the sets in one of
+    the finest fringes; ``most``: number of orders.
+    """
+    steps = np.arange(1.0, np.ceil(most))
+    apart = _wrapped(np.outer(steps, shares))
+    fits = np.ones(found.pixels.size, bool)
+    inside = np.zeros(region.shape, np.float32)
+    inside.flat[found.pixels] = 1.0
+    around = scipy.ndimage.uniform_filter(inside, WINDOW).flat[found.pixels]
+    means = []
+    for row in error:
+        inside.flat[found.pixels] = row
+        means.append(scipy.ndimage.uniform_filter(inside, WINDOW).flat[found.pixels] / around)
+    for off, count in ((error, 1.0), (np.stack(means), float(WINDOW**2))):
+        variance = found.smooth + found.noise / count
+        reach = 0.25 * float(np.min(np.sum(apart**2 / variance, axis=1), initial=np.inf))
+        fits &= np.sum(off**2 / variance[:, None], axis=0) < reach
+    return fits
+
+
+def _write(
+    found: _Region,
+    fits: BoolMap,
+    coordinate: FloatMap,
+    sigma: FloatMap,
+    results: dict[str, Any],
+) -> None:
+    """Write the coordinates of a region that fit its order, where orders were ambiguous."""
+    fits = fits & (results["reason"].flat[found.pixels] == Reason.ORDER_AMBIGUOUS)
+    at = found.pixels[fits]
+    results["coordinate"].flat[at] = coordinate[fits]
+    results["sigma"].flat[at] = sigma.flat[at]
+    results["reason"].flat[at] = Reason.OK
+
+
+def _parts(error: FloatMap, pixels: NDArray[np.intp], width: int) -> float:
+    """Number of parts of a region in which errors of mean zero are independent, at least one."""
+    rows, columns = np.divmod(pixels, width)
+    rows, columns = (rows - rows.min()) // BLOCK, (columns - columns.min()) // BLOCK
+    shape = int(rows.max()) + 1, int(columns.max()) + 1
+    at = rows * shape[1] + columns
+    count = np.bincount(at, minlength=shape[0] * shape[1]).reshape(shape)
+    sums = np.bincount(at, error, shape[0] * shape[1]).reshape(shape)
+    full = count > BLOCK**2 // 2
+    means = np.where(full, sums / np.maximum(count, 1), 0.0)
+    blocks, power = int(np.count_nonzero(full)), float(np.sum(means**2))
+    if blocks < 2 or power == 0.0:
+        return 1.0
+    parts = float(blocks)
+    for axis in (0, 1):
+        parts /= 1.0 + 2.0 * _correlation(means, full, axis, power / blocks)
+    return max(parts, 1.0)
+
+
+def _correlation(means: FloatMap, full: BoolMap, axis: int, variance: float) -> float:
+    """Sum of the correlations of blocks over their distance along an axis, up to the first one that
+    is not positive."""
+    total = 0.0
+    means, full = np.moveaxis(means, axis, 0), np.moveaxis(full, axis, 0)
+    for lag in range(1, len(means)):
+        pairs = int(np.count_nonzero(full[lag:] & full[:-lag]))
+        correlation = float(np.sum(means[lag:] * means[:-lag])) / max(pairs, 1) / variance
+        if correlation <= 0.0:
+            break
+        total += correlation
+    return total
+
+
+def _wrapped(turns: FloatMap) -> FloatMap:
+    return np.asarray(turns - np.rint(turns))

@@ -1,0 +1,81 @@
+"""Orders of regions where smooth errors of wide fringes take the margin of every pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from fringeworks import PatternPlan
+from fringeworks.evaluate.scored_scenes import benchmark_scene
+from fringeworks.patterns import PhaseSteps, equal_steps
+from fringeworks.stack.decode import decode
+from fringeworks.stack.region_orders import _best, _Region
+from tests.grids import quick
+
+SHAPE = (200, 300)
+
+
+def smooth(rng, scale):
+    """A smooth random map of median 0 and standard deviation 1."""
+    field = gaussian_filter(rng.normal(size=SHAPE), scale, mode="reflect")
+    return (field - np.median(field)) / field.std()
+
+
+def frames_of(periods, place, errors, rng, noise=1.0):
+    """Photographs of four steps of each period, whose phases have errors of their own, rad."""
+    plan = PatternPlan(960, 60, tuple(PhaseSteps("x", p, equal_steps(4)) for p in periods))
+    frames = []
+    for period, error in zip(periods, errors, strict=True):
+        for shift in equal_steps(4):
+            light = 120.0 + 70.0 * np.cos(2.0 * np.pi * place / period + error - shift)
+            frames.append(np.rint(light + rng.normal(0.0, noise, SHAPE)).astype(np.uint8))
+    return plan, frames
+
+
+@pytest.mark.parametrize("seed", quick([1, 2, 4], 1))
+@pytest.mark.parametrize("step", [0.0, 15.0, 120.0])
+def test_no_order_is_wrong_where_errors_of_wide_fringes_exceed_it(seed, step):
+    """Errors of the widest fringes are more than half an order at some pixels: up to 770 of them
+    were measured with a wrong order. The step is of whole periods, which finer fringes hide."""
+    rng = np.random.default_rng(seed)
+    place = 120.0 + 1.9 * np.arange(SHAPE[1]) + np.zeros(SHAPE) + 10.0 * smooth(rng, 40)
+    place[60:120, 90:160] += step
+    errors = [0.17 * smooth(rng, 40), 0.05 * smooth(rng, 20), np.zeros(SHAPE)]
+    found = decode(*frames_of([960.0, 120.0, 15.0], place, errors, rng)[::-1]).x
+    measured = np.isfinite(found.coordinate_px)
+    error = found.coordinate_px - place
+    assert measured.mean() > 0.6
+    assert np.count_nonzero(np.abs(error[measured]) > 7.0) == 0
+
+
+def region(off, middle, noise=1e-4, usual=0.0):
+    pixels = (np.arange(128)[:, None] * 300 + np.arange(128)).ravel()
+    return _Region(pixels, np.array([middle]), off[None], np.array([noise]), np.array([usual]))
+
+
+def test_an_error_that_a_region_may_share_leaves_its_order_open():
+    """Fringes forty times as wide: 0.05 rad that all pixels share are as much as a third of the way
+    to the next order. Eight times as wide, they are little."""
+    off = np.random.default_rng(0).normal(0.0, 1e-2, 128**2)
+    orders = np.arange(-4.0, 4.0)
+    assert _best(region(off, 0.0), orders[:, None] / 40.0, 300) is None
+    assert _best(region(off, 0.0), orders[:, None] / 8.0, 300) == 4
+    # Errors of the whole image that a small region does not show by itself.
+    assert _best(region(off, 0.0, usual=0.05**2), orders[:, None] / 8.0, 300) is None
+    # Half-way between two orders, and a third of the way.
+    assert _best(region(off, 0.5 / 8.0), orders[:, None] / 8.0, 300) is None
+    assert _best(region(off, 0.3 / 8.0), orders[:, None] / 8.0, 300) is None
+
+
+def test_walls_that_light_each_other_are_measured():
+    """A quarter of the corner's pixels before; plain rounding is wrong at a ninth of them."""
+    scene = benchmark_scene("corner")
+    found = decode(scene.capture.frames, scene.capture.plan).x
+    error = (found.coordinate_px - scene.truth["coordinate"])[scene.measurable]
+    measured = np.isfinite(error)
+    assert measured.mean() > 0.92
+    assert np.mean(np.abs(error[measured]) > 7.5) < 1e-4
+    z = np.abs(error / found.sigma_px[scene.measurable])[measured]
+    assert 0.6 < np.mean(z < 1.0) < 0.8
+    assert np.mean(z > 5.0) < 1e-4

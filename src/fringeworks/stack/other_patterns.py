@@ -64,8 +64,8 @@ def other_patterns(
     plan: PatternPlan, evidence: Evidence, by_code: Conventions
 ) -> Iterator[Hypothesis]:
     """Patterns that differ from the plan's, the likeliest first."""
-    yield from of_periods(plan, evidence, by_code, clear=False)
-    yield from of_steps(plan, evidence, by_code, clear=False)
+    yield from _of_periods(plan, evidence, by_code)
+    yield from _of_steps(plan, evidence, by_code, clear=False)
     yield from _of_sets(plan, evidence)
     yield from _of_counts(plan)
     yield from _of_cells(plan)
@@ -73,32 +73,48 @@ def other_patterns(
     yield from _misleading_exposures(plan, evidence)
 
 
-def of_periods(
-    plan: PatternPlan, evidence: Evidence, by_code: Conventions, *, clear: bool
+def _of_periods(
+    plan: PatternPlan, evidence: Evidence, by_code: Conventions
 ) -> Iterator[Hypothesis]:
     """Fringes whose period is another, by the borders of the Gray code or by the other sets."""
     for axis, found in evidence.items():
-        decoding, seen = found.decoding, by_code[axis]
-        periods: list[tuple[int, float, str]] = []
-        if seen is not None and seen.period_px != seen.planned_px:
-            number = [s.period_px for s in decoding.sets].index(seen.planned_px)
-            periods.append((number, seen.period_px, "by the cells of the Gray code"))
-        by_sets = "by the turns of all phases from pixel to pixel"
-        periods += [
-            (*one, by_sets) for one in periods_by_ratios(decoding, found.lines, clear=clear)
-        ]
-        for number, period, how in periods:
-            words = (
-                f"the fringes of {decoding.sets[number].period_px:.6g} px along {axis} have "
-                f"another period than the plan says ({period:.5g} px {how})"
-            )
-            first, block = plan.phase_sets(axis)[number]
-            other = changed(plan, {first: replace(block, period_px=period)})
-            advice = "; a period may be rounded in the plan or in the pictures"
-            yield replace(Hypothesis.of(other), kind="period", words=words, advice=advice)
+        yield from _by_borders(plan, axis, by_code[axis])
+        for number, period in periods_by_ratios(found.decoding, found.lines):
+            how = "by the turns of all phases from pixel to pixel"
+            yield _of_period(plan, axis, plan.phase_sets(axis)[number], period, how)
 
 
-def of_steps(
+def _by_borders(plan: PatternPlan, axis: Axis, seen: Convention | None) -> Iterator[Hypothesis]:
+    """Fringes whose period is another by the borders of the Gray code."""
+    if seen is not None and seen.period_px != seen.planned_px:
+        placed = next(s for s in plan.phase_sets(axis) if s[1].period_px == seen.planned_px)
+        yield _of_period(plan, axis, placed, seen.period_px, "by the cells of the Gray code")
+
+
+def _of_period(
+    plan: PatternPlan, axis: Axis, placed: tuple[int, PhaseSteps], period: float, how: str
+) -> Hypothesis:
+    first, block = placed
+    words = (
+        f"the fringes of {block.period_px:.6g} px along {axis} have another period than the plan "
+        f"says ({period:.5g} px {how})"
+    )
+    advice = "; a period may be rounded in the plan or in the pictures"
+    other = changed(plan, {first: replace(block, period_px=period)})
+    return replace(Hypothesis.of(other), kind="period", words=words, advice=advice)
+
+
+def clear_conventions(
+    plan: PatternPlan, evidence: Evidence, by_code: Conventions
+) -> Iterator[Hypothesis]:
+    """Other periods and steps that the borders of a Gray code show beyond doubt: coordinates are
+    smooth all the same where cells are narrower than the fringes."""
+    for axis, seen in by_code.items():
+        yield from _by_borders(plan, axis, seen)
+    yield from _of_steps(plan, evidence, by_code, clear=True)
+
+
+def _of_steps(
     plan: PatternPlan, evidence: Evidence, by_code: Conventions, *, clear: bool
 ) -> Iterator[Hypothesis]:
     """Steps with the sign and start that the borders of the Gray code show: along each axis, and

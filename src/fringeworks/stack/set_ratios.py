@@ -16,7 +16,7 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.stack.fits import wave_of
 from fringeworks.stack.kernel_settings import Decoding
 from fringeworks.stack.sample import Lines
-from fringeworks.statistics.quantiles import quantile
+from fringeworks.statistics.quantiles import quantile, robust_sigma
 from fringeworks.types import BoolMap, FloatMap
 
 MOST_PIXELS = 6000
@@ -50,6 +50,13 @@ FEWEST = 300
 NOTABLE_TURNS = 0.1
 """Smallest change of the reference's phase over the view by another period, turns: less makes no
 wrong order, and the ripple of a response that is not linear (γ 2.2) makes 0.06."""
+
+
+PASSES = 3
+"""Least-squares fits after one another, each without the pairs that the last one left out."""
+
+OUTLYING = 3.0
+"""Deviation of a pair from which on it is left out, standard deviations."""
 
 
 def periods_by_ratios(decoding: Decoding, lines: Lines) -> Iterator[tuple[int, float]]:
@@ -88,11 +95,7 @@ def periods_by_ratios(decoding: Decoding, lines: Lines) -> Iterator[tuple[int, f
         if k == reference:
             continue
         turned = np.exp(1j * np.angle(wave[:, lag:] * np.conj(wave[:, :-lag])))[known]
-        # Pairs count in both directions: no turns, no phase.
-        both = np.concatenate((turned, turned.conj()))
-        expected = share * np.concatenate((turns[known], -turns[known]))
-        ways = [rate_of(both, expected, sign, SEARCHED) for sign in (1.0, -1.0)]
-        rate = abs(max(ways, key=lambda found: found[1])[0])
+        rate = _rate(turned, share * turns[known])
         if NOTABLE_TURNS / fringes < abs(rate - 1.0) < SEARCHED:
             rates[k] = rate
     if rates:
@@ -101,6 +104,19 @@ def periods_by_ratios(decoding: Decoding, lines: Lines) -> Iterator[tuple[int, f
         yield reference, sets[reference].period_px * scale
     for k, rate in rates.items():
         yield k, sets[k].period_px / rate
+
+
+def _rate(turned: NDArray[np.complex128], turns: FloatMap) -> float:
+    """Turns of a set over those that the plan expects, without those across edges."""
+    # Pairs count in both directions: no turns, no phase.
+    both, expected = np.concatenate((turned, turned.conj())), np.concatenate((turns, -turns))
+    ways = [rate_of(both, expected, sign, SEARCHED) for sign in (1.0, -1.0)]
+    rate = max(ways, key=lambda found: found[1])[0]
+    for _ in range(PASSES):
+        off = np.angle(turned * np.exp(-1j * TURN * rate * turns)) / TURN
+        kept = np.abs(off) <= OUTLYING * robust_sigma(off)
+        rate += float(np.sum((off * turns)[kept]) / max(np.sum(turns[kept] ** 2), 1e-9))
+    return abs(rate)
 
 
 def _lit(wave: NDArray[np.complex128]) -> BoolMap:

@@ -75,8 +75,8 @@ OWN_AXES = 0.5
 """An order that exchanges the axes is not named where one that keeps them has more than this share
 of its gain. Where the axes are kept, that share is 0.6 or more in simulations."""
 
-PREFERRED = ("period", "steps", "sets", "set", "moved", "start")
-"""Kinds of explanations in the order in which equally good ones are named; others rank as steps."""
+PREFERRED = ("period", "steps", "", "sets", "set", "moved", "start")
+"""Kinds of explanations in the order in which equally good ones are named; "" stands for others."""
 
 
 def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
@@ -115,7 +115,7 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
         candidates = chain(_hypotheses(plan, evidence, by_code), candidates)
     fitting = [(_gain(plan, h, evidence, planned), h) for h in candidates]
     fitting = _with_own_axes(_with_one_start([one for one in fitting if one[0] > 0.0]))
-    if fitting:
+    if fitting and not _told_by_code(fitting, evidence):
         words = _words(fitting, vague=not _explained(plan, fitting, planned))
         raise FramesContradictPlan(words + (also and f"; {also}"))
     if repeated:
@@ -148,6 +148,14 @@ def _gain(
     return gain if gain > max(least, FAR_BETTER) else 0.0
 
 
+def _told_by_code(found: list[tuple[float, Hypothesis]], evidence: Evidence) -> bool:
+    """Whether the best explanation is a projector of another size, which cells beyond it show: a
+    finding names it, and the coordinates inside of it are right."""
+    _, h = max(found, key=lambda one: one[0])
+    codes = [found.decoding.gray for found in evidence.values()]
+    return h.kind == "size" and any(gray is not None and gray.farthest_px > 0.0 for gray in codes)
+
+
 def _explained(
     plan: PatternPlan, found: list[tuple[float, Hypothesis]], planned: Mapping[Axis, FloatMap]
 ) -> bool:
@@ -162,8 +170,8 @@ def _explained(
 
 
 def _with_one_start(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, Hypothesis]]:
-    """The explanations without those by the start of a set of which several fit as well: such a
-    set has other fringes, not another start."""
+    """The explanations without those by the start of a set of which several fit as well, if there
+    are others: such a set rather has other fringes than another start."""
     starts: dict[str, list[float]] = {}
 
     def of(h: Hypothesis) -> str:
@@ -177,7 +185,7 @@ def _with_one_start(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, 
         gains = sorted(starts.get(of(h), []))
         return len(gains) > 1 and gains[-2] > (1.0 - EQUALLY_GOOD) * gains[-1]
 
-    return [(gain, h) for gain, h in found if h.kind != "set" or not vague(h)]
+    return [(gain, h) for gain, h in found if h.kind != "set" or not vague(h)] or found
 
 
 def _with_own_axes(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, Hypothesis]]:
@@ -254,7 +262,7 @@ def _words(found: list[tuple[float, Hypothesis]], *, vague: bool = False) -> str
     best = found[0][0]
     good = [h for gain, h in found if gain > best - max(FAR_BETTER, EQUALLY_GOOD * best)]
     good = _simplest(good)
-    good.sort(key=lambda h: PREFERRED.index(h.kind if h.kind in PREFERRED else "steps"))
+    good.sort(key=lambda h: PREFERRED.index(h.kind if h.kind in PREFERRED else ""))
     named: dict[str, list[str]] = {}
     for h in good:
         named.setdefault(h.kind, []).append(h.words)

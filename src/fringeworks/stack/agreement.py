@@ -140,7 +140,7 @@ def _jumps(bends: FloatMap) -> bool:
 def _change(order: Hypothesis, decoding: Decoding) -> float:
     """Cost of a change of the bit that is missing: coarse bits change at few pixels."""
     bits = () if decoding.gray is None else decoding.gray.bits
-    coarser = [len(bits) - 1 - n for n, k in enumerate(bits) if not order.shown(k)]
+    coarser = [len(bits) - 1 - n for n, k in enumerate(bits) if order.places[k : k + 1] == (None,)]
     return CHANGE[0] + CHANGE[1] * min(coarser, default=0)
 
 

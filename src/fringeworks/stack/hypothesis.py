@@ -44,10 +44,6 @@ class Hypothesis:
         """The plan itself."""
         return cls(plan, tuple(range(plan.frames)))
 
-    def shown(self, pattern: int) -> bool:
-        """Whether there is a frame for a pattern."""
-        return pattern >= len(self.places) or self.places[pattern] is not None
-
     @property
     def lacks_one(self) -> bool:
         """Whether every frame has its place, but for one pattern that no frame shows."""
@@ -78,3 +74,9 @@ def filled(plan: PatternPlan, frames: int, kind: str, words: str) -> Hypothesis:
     """Other patterns, shown by the frames of the stack one after another as far as they go."""
     places = tuple(k if k < frames else None for k in range(plan.frames))
     return Hypothesis(plan, places, kind, words)
+
+
+def lagged(n: int, lag: int) -> tuple[Places, Places]:
+    """Places of n frames that are late; the ends show the next scan, or no pattern."""
+    within = tuple(k + lag if 0 <= k + lag < n else None for k in range(n))
+    return tuple((k + lag) % n for k in range(n)), within

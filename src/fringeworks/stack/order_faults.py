@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from functools import lru_cache
 from itertools import chain, combinations
 
 import numpy as np
 
-from fringeworks.patterns.order_chain import TURN
-from fringeworks.patterns.plan import Block, GrayCode, PatternPlan, PhaseSteps, Uniform, step_design
+from fringeworks.patterns.plan import Block, GrayCode, PatternPlan, PhaseSteps, Uniform
 from fringeworks.stack.agreement import DARK, ROUGH, SAME, LineEvidence
-from fringeworks.stack.hypothesis import Hypothesis, changed, decoding_under
+from fringeworks.stack.hypothesis import Hypothesis, changed, decoding_under, lagged
 from fringeworks.stack.other_orders import orders_of_other_programs
 from fringeworks.stack.other_patterns import (
     AGAINST,
@@ -55,12 +53,6 @@ EQUALLY_GOOD = 0.05
 
 REPEATED = 0.3
 """Share of the difference of two patterns that blur leaves."""
-
-BENT = 2.2
-"""Exponent of a projector's response (γ) up to which a set predicts a step without it."""
-
-PHASES = 361
-"""Number of phases at which that error is looked for."""
 
 MAX_NAMED = 3
 """At most this many orders of one kind are named."""
@@ -122,9 +114,8 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
         raise FramesContradictPlan(also)
     for hypothesis in clear_conventions(plan, evidence, by_code):
         raise FramesContradictPlan(_words([(0.0, hypothesis)]))
-    if suspicious:
-        every = np.concatenate(list(planned.values()))
-        _refuse_no_pattern(plan, evidence, unrelated=float(np.mean(every)) > FITS)
+    if suspicious and float(np.mean(np.concatenate(list(planned.values())))) > FITS:
+        _refuse_dark_end(plan, evidence)
     return suspicious
 
 
@@ -172,20 +163,15 @@ def _explained(
 def _with_one_start(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, Hypothesis]]:
     """The explanations without those by the start of a set of which several fit as well, if there
     are others: such a set rather has other fringes than another start."""
-    starts: dict[str, list[float]] = {}
-
-    def of(h: Hypothesis) -> str:
-        return h.words.split("(")[0]
-
-    for gain, h in found:
-        if h.kind == "set":
-            starts.setdefault(of(h), []).append(gain)
+    gains: dict[str, list[float]] = {}
+    for gain, h in sorted(found, key=lambda one: -one[0]):
+        gains.setdefault(h.words.split("(")[0], []).append(gain)
 
     def vague(h: Hypothesis) -> bool:
-        gains = sorted(starts.get(of(h), []))
-        return len(gains) > 1 and gains[-2] > (1.0 - EQUALLY_GOOD) * gains[-1]
+        first, *others = gains[h.words.split("(")[0]]
+        return h.kind == "set" and max(others, default=0.0) > (1.0 - EQUALLY_GOOD) * first
 
-    return [(gain, h) for gain, h in found if h.kind != "set" or not vague(h)] or found
+    return [(gain, h) for gain, h in found if not vague(h)] or found
 
 
 def _with_own_axes(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, Hypothesis]]:
@@ -248,8 +234,6 @@ def _axis_cost(
 
 def _alike(one: PatternPlan, other: PatternPlan, axis: Axis) -> bool:
     """Whether two plans have the same patterns along an axis."""
-    if one is other:
-        return True
     parts = [
         [(k, b) for k, b in plan.placed if getattr(b, "axis", axis) == axis]
         for plan in (one, other)
@@ -308,50 +292,45 @@ def _hypotheses(
         words = f"{labels[k]} seems to be lost, or was never shown"
         yield Hypothesis(plan, (*every[:k], None, *every[k:-1]), "lost", words)
     yield from _codes(plan)
-    dark = _inverted(plan, [first for first, _ in plan.placed])
+    inverted = _inverted(plan, [first for first, _ in plan.placed])
     for other in orders_of_other_programs(plan):
-        shown = dark if other.inverted else plan
+        shown = inverted if other.inverted else plan
         yield Hypothesis(
             shown, other.places, "order", other.words, other.advice, other.changes, other.exchanged
         )
-    for k in _dark_or_bright(plan, evidence):
-        words = f"frame {_no_pattern_in_words(labels[k])}"
-        yield Hypothesis(plan, (*every[:k], None, *every[k + 1 :]), "empty", words)
+    for dark in _dark_or_bright(plan, evidence):
+        words = f"frame {_no_pattern_in_words(', '.join(labels[k] for k in dark))}"
+        unseen: list[int | None] = [None if k in dark else k for k in every]
+        yield Hypothesis(plan, tuple(unseen), "empty", words)
     for first, block in plan.placed:
         for px in LAGS if first and block.frames > 1 else ():
             words = f"the camera or the scene moved by about {abs(px)} px before {labels[first]}"
             yield Hypothesis(plan, every, "moved", words, since=first, moved_px=px)
 
 
-def _dark_or_bright(plan: PatternPlan, evidence: Evidence) -> Iterator[int]:
-    """Patterns that are dark, or bright, all over the lines, and a white frame that is dark."""
+def _dark_or_bright(plan: PatternPlan, evidence: Evidence) -> Iterator[list[int]]:
+    """Bits, and steps of one set, that are dark or bright all over the lines; or white."""
     for first, block in plan.placed:
-        for k in range(first, first + block.frames):
-            if block == Uniform("white") and all(
-                quantile(found.shares(k), 0.95) < DARK for found in evidence.values()
-            ):
-                yield k
-            if isinstance(block, Uniform) or not _empty(evidence, k):
-                continue
-            if getattr(block, "inverse", False) and _opposite(
-                evidence, k, first + ((k - first) ^ 1)
-            ):
-                continue  # the scene lies in one stripe of this bit
-            yield k
+        frames = range(first, first + block.frames)
+        if block == Uniform("white") and all(
+            quantile(found.shares(first), 0.95) < DARK for found in evidence.values()
+        ):
+            yield [first]
+        empty = [k for k in frames if _empty(evidence, k)]
+        if isinstance(block, PhaseSteps) and empty:
+            yield empty
+        for k in empty if isinstance(block, GrayCode) else ():
+            # Of a bit and its inverse, both are where the scene lies in one of its stripes.
+            paired = isinstance(block, GrayCode) and block.inverse
+            if not paired or not _opposite(evidence, k, first + ((k - first) ^ 1)):
+                yield [k]
 
 
 def _late(plan: PatternPlan, labels: list[str]) -> Iterator[Hypothesis]:
     """Stacks that begin early or late; their ends show the scan before or after, or no pattern."""
-    n = plan.frames
     for lag in LAGS:
-        if abs(lag) >= n:
-            continue
-        words = _late_in_words(lag, labels)
-        for around in (True, False):
-            places = [k + lag if 0 <= k + lag < n else None for k in range(n)]
-            if around:
-                places = [(k + lag) % n for k in range(n)]
-            yield Hypothesis(plan, tuple(places), f"lag {lag}", words)
+        for places in lagged(plan.frames, lag) if abs(lag) < plan.frames else ():
+            yield Hypothesis(plan, places, f"lag {lag}", _late_in_words(lag, labels))
 
 
 def _late_in_words(lag: int, labels: list[str]) -> str:
@@ -389,32 +368,16 @@ def _next_scan(plan: PatternPlan, evidence: Evidence) -> bool:
     return all(f.shows_pattern(last) and f.difference(last, 0) < SAME for f in evidence.values())
 
 
-def _refuse_no_pattern(plan: PatternPlan, evidence: Evidence, *, unrelated: bool) -> None:
-    """Refuse steps that are dark, or bright, all over the lines, where others of their set are not
-    and do not say so; and unrelated frames of which the first or the last are so."""
+def _refuse_dark_end(plan: PatternPlan, evidence: Evidence) -> None:
+    """Refuse unrelated frames of which several first or last ones show no pattern."""
     n, labels = plan.frames, plan.labels()
     empty = [k for k in range(n) if _empty(evidence, k)]
     light, count = (plan.uniform("white"), plan.uniform("black")), len(empty)
-    unrelated &= any(k not in light for k in empty)
-    for lag, ends in (
-        (count, empty == list(range(count))),
-        (-count, empty == [*range(n)][-count:]),
-    ):
-        if unrelated and ends and 1 < count < n:
+    if not 1 < count < n or all(k in light for k in empty):
+        return
+    for lag, ends in ((count, range(count)), (-count, range(n - count, n))):
+        if empty == list(ends):
             raise FramesContradictPlan(f"frames: {_late_in_words(lag, labels)}")
-    for first, block in plan.placed:
-        steps = range(first, first + block.frames)
-        if not isinstance(block, PhaseSteps) or not any(
-            found.shows_pattern(k) for found in evidence.values() for k in steps
-        ):
-            continue
-        named = [
-            labels[k]
-            for k in empty
-            if k in steps and not _in_its_place(evidence[block.axis], first, block, k - first)
-        ]
-        if named:
-            raise FramesContradictPlan(f"frame {_no_pattern_in_words(', '.join(named))}")
 
 
 def _refuse_blurred(plan: PatternPlan, evidence: Evidence) -> None:
@@ -428,35 +391,6 @@ def _refuse_blurred(plan: PatternPlan, evidence: Evidence) -> None:
                     "expected fringes that the camera resolves (a camera or a projector out of "
                     "focus, fringes too fine for it, or motion during the exposure)"
                 )
-
-
-def _in_its_place(found: LineEvidence, first: int, block: PhaseSteps, step: int) -> bool:
-    """Whether a step is as dark, or as bright, as the other steps of its set say.
-
-    Where an object sees a part of a wide fringe, a step may be dark all over it. Three steps do not
-    tell, without one of them.
-    """
-    others = [k for k in range(block.frames) if k != step]
-    if len(others) < 3:
-        return False
-    lines = [found.lines[first + k][found.voters].astype(np.float64) for k in others]
-    shifts = np.asarray(block.shifts_rad)
-    _, c, s = np.linalg.pinv(step_design(shifts[others])) @ np.stack(lines)
-    expected = (c * np.cos(shifts[step]) + s * np.sin(shifts[step])) / np.hypot(c, s)
-    bright = quantile(found.shares(first + step), 0.5) > 0.5
-    return quantile(expected if bright else -expected, 0.05) > -_bent(block.shifts_rad, step)
-
-
-@lru_cache(maxsize=64)
-def _bent(shifts_rad: tuple[float, ...], step: int) -> float:
-    """Largest error of a step that the others of its set predict, as a share of the modulation,
-    where the response of the projector is bent."""
-    others = [k for k in range(len(shifts_rad)) if k != step]
-    shifts, phase = np.asarray(shifts_rad), np.linspace(0.0, TURN, PHASES)[:, None]
-    light = (0.5 + 0.5 * np.cos(phase - shifts[others])) ** BENT
-    _, c, s = np.linalg.pinv(step_design(shifts[others])) @ light.T
-    expected = (c * np.cos(shifts[step]) + s * np.sin(shifts[step])) / np.hypot(c, s)
-    return float(np.abs(expected - np.cos(phase[:, 0] - shifts[step])).max())
 
 
 def _empty(evidence: Evidence, frame: int) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import Block, GrayCode, PatternPlan, PhaseSteps, equal_steps
 from fringeworks.stack.agreement import LineEvidence
-from fringeworks.stack.hypothesis import Hypothesis, changed, filled
+from fringeworks.stack.hypothesis import Hypothesis, changed, filled, lagged
 from fringeworks.stack.set_ratios import periods_by_ratios
 from fringeworks.stack.step_convention import Convention, convention, steps_in_words
 from fringeworks.types import Axis, Finding, FloatMap, InputError
@@ -70,7 +71,9 @@ def other_patterns(
     yield from _of_counts(plan)
     yield from _of_cells(plan)
     yield from _of_projector(plan, evidence)
-    yield from _misleading_exposures(plan, evidence)
+    for found in evidence.values():
+        if found.jumps:
+            yield from _exposures(plan, found)
 
 
 def _of_periods(
@@ -140,28 +143,24 @@ def _of_sets(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
     sets, where no Gray code tells them."""
     labels = plan.labels()
     several = [axis for axis, found in evidence.items() if len(found.decoding.sets) > 1]
-    free = [axis for axis in several if evidence[axis].decoding.gray is None]
-    for sign, start in SET_STEPS:
-        for axes in {tuple(free), *((axis,) for axis in free)} - {()}:
-            first, block = plan.phase_sets(axes[0])[0]
-            words = (
-                f"all sets along {' and '.join(axes)} have another sign or start of their steps "
-                f"than the plan says ({_fitting(block, sign, start)} fit the frames from "
-                f"{labels[first]} on)"
-            )
-            other = plan
-            for axis in axes:
-                other = _stepped(other, axis, sign, start)
-            yield replace(Hypothesis.of(other), kind="sets", words=words)
-    for axis in several:
-        for k, (first, block) in enumerate(plan.phase_sets(axis)):
-            for sign, start in SET_STEPS:
-                words = (
-                    f"the set from {labels[first]} on has another sign or start of its steps than "
-                    f"the plan says (they fit {_fitting(block, sign, start)})"
-                )
-                other = _stepped(plan, axis, sign, start, k)
-                yield replace(Hypothesis.of(other), kind="set", words=words)
+    free = tuple(axis for axis in several if evidence[axis].decoding.gray is None)
+    groups: list[tuple[tuple[Axis, ...], int | None]] = [(free, None)] if len(free) > 1 else []
+    groups += [((axis,), None) for axis in free]
+    groups += [((axis,), k) for axis in several for k, _ in enumerate(plan.phase_sets(axis))]
+    for (axes, k), (sign, start) in product(groups, SET_STEPS):
+        first, block = plan.phase_sets(axes[0])[k or 0]
+        fit, other = _fitting(block, sign, start), plan
+        words = (
+            f"all sets along {' and '.join(axes)} have another sign or start of their steps than "
+            f"the plan says ({fit} fit the frames from {labels[first]} on)"
+            if k is None
+            else f"the set from {labels[first]} on has another sign or start of its steps than the "
+            f"plan says (they fit {fit})"
+        )
+        for axis in axes:
+            other = _stepped(other, axis, sign, start, k)
+        kind = "sets" if k is None else "set"
+        yield replace(Hypothesis.of(other), kind=kind, words=words)
 
 
 def _stepped(
@@ -252,50 +251,40 @@ def _of_projector(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]
 
 def other_exposures(plan: PatternPlan, evidence: Evidence) -> Iterator[Finding]:
     """Exposures that differ and cost pixels their coordinate, but mislead hardly any."""
-    labels = plan.labels()
     for axis, found in evidence.items():
         planned = found.cost(Hypothesis.of(plan))
-        for exposure in _exposures(found):
-            cost = found.cost(replace(Hypothesis.of(plan), exposure=exposure))
+        for h in _exposures(plan, found):
+            cost = found.cost(h)
             if planned is None or cost is None or gain_of(planned, cost, AGAINST) < FAR_BETTER:
                 continue
-            label = labels[exposure[0]]
+            frame, factor = h.exposure or (0, 1.0)
             yield Finding(
                 "exposure",
-                f"frame {label} has another exposure than the others along {axis} "
-                f"({exposure[1]:.2f} times): its bits are in doubt at many pixels",
+                f"{h.words}: its bits are in doubt at many pixels",
                 ("automatic exposure", "a projector that was not yet bright"),
                 "fix the exposure, and take the frames again",
                 axis,
-                (label,),
-                {"exposure": exposure[1]},
+                (plan.labels()[frame],),
+                {"exposure": factor},
             )
 
 
-def _exposures(found: LineEvidence) -> Iterator[tuple[int, float]]:
+def _exposures(plan: PatternPlan, found: LineEvidence) -> Iterator[Hypothesis]:
     """Frames of a Gray code, and of the light that its bits are compared with, whose exposure is
-    another than that of the others, and how many times."""
-    gray = found.decoding.gray
+    another than that of the others."""
+    gray, axis = found.decoding.gray, found.decoding.axis
     if gray is None:
         return
     shown = (*gray.bits, *gray.inverse, *(gray.white_black or ())[:1])
     for k in shown:
         factor = found.exposure(k, tuple(j for j in shown if j != k))
         if abs(factor - 1.0) > LEAST_EXPOSURE:
-            yield k, factor
-
-
-def _misleading_exposures(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
-    """Frames whose exposure is another, where coordinates jump."""
-    labels = plan.labels()
-    for axis, found in evidence.items():
-        for frame, factor in _exposures(found) if found.jumps else ():
             words = (
-                f"frame {labels[frame]} has another exposure than the others along {axis} "
+                f"frame {plan.labels()[k]} has another exposure than the others along {axis} "
                 f"({factor:.2f} times)"
             )
             plain = Hypothesis.of(plan)
-            yield replace(plain, kind="exposure", words=words, exposure=(frame, factor))
+            yield replace(plain, kind="exposure", words=words, exposure=(k, factor))
 
 
 def late_rows(
@@ -306,7 +295,6 @@ def late_rows(
     A camera that reads its rows one after another, or a projector that changes its picture during
     the exposure, makes such a band. The other rows fit the plan.
     """
-    n = plan.frames
     for axis, found in evidence.items():
         strip = _strips(axis, found)
         band = _rough_band(planned[axis], strip)
@@ -320,10 +308,7 @@ def late_rows(
                 "rolling shutter, or a projector that changed during the exposure: trigger the "
                 "camera, or expose for whole pictures of the projector)"
             )
-            for places in (
-                tuple((k + lag) % n for k in range(n)),
-                tuple(k + lag if 0 <= k + lag < n else None for k in range(n)),
-            ):
+            for places in lagged(plan.frames, lag):
                 yield Hypothesis(plan, places, "band", words, band={axis: np.isin(strip, band)})
 
 

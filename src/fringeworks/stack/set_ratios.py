@@ -62,11 +62,6 @@ OUTLYING = 3.0
 def periods_by_ratios(decoding: Decoding, lines: Lines) -> Iterator[tuple[int, float]]:
     """Sets that may have another period than the plan says, by number, and the period, projector
     px: each set by the one that tells most, and that one by the mean of the others.
-
-    Parameters
-    ----------
-    decoding : Decoding
-    lines : (r, l) arrays, one per frame of the plan, counts
     """
     sets = decoding.sets
     if len(sets) < 2 or any(phases.line_px is not None for phases in sets):

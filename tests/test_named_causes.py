@@ -36,8 +36,9 @@ def surface(seed):
     return x, y
 
 
-def photographed(plan, seed, *, noise=1.2, peak=180.0, exposure=None):
-    """Frames of the surface; ``exposure`` is a frame and its factor."""
+def photographed(plan, seed, *, noise=1.2, peak=180.0, exposure=None, blur=0.7, shake=0.0):
+    """Frames of the surface; ``exposure`` is a frame and its factor, ``blur`` and ``shake`` are
+    standard deviations in camera px."""
     rng = np.random.default_rng(seed + 1000)
     x, y = surface(seed)
     albedo = 0.65 + 0.25 * np.sign(np.sin(x / 61.0)) * (np.sin(y / 37.0) > 0)
@@ -51,11 +52,21 @@ def photographed(plan, seed, *, noise=1.2, peak=180.0, exposure=None):
             counts = 2.0 + albedo * (8.0 + peak * light)
             if exposure is not None and exposure[0] == len(frames):
                 counts = exposure[1] * counts
-            seen = ndimage.gaussian_filter(counts, 0.7 * FINE)
+            if shake:
+                counts = ndimage.shift(counts, shake * FINE * rng.standard_normal(2), order=1)
+            seen = ndimage.gaussian_filter(counts, blur * FINE)
             seen = seen.reshape(SHAPE[0], FINE, SHAPE[1], FINE).mean(axis=(1, 3))
             seen = seen + noise * rng.standard_normal(SHAPE)
             frames.append(np.clip(np.rint(seen), 0, 255).astype(np.uint8))
     return frames
+
+
+def told_of(frames, plan):
+    """The refusal, or the kinds of the findings."""
+    try:
+        return ", ".join(one.kind for one in fw.decode(frames, plan).findings if one.rank)
+    except fw.InputError as error:
+        return str(error)
 
 
 def refusal(frames, plan):
@@ -187,3 +198,54 @@ def test_right_frames_are_kept(name, seed):
     columns = surface(seed)[0].reshape(SHAPE[0], FINE, SHAPE[1], FINE).mean(axis=(1, 3))
     off = np.abs(decoded.x.coordinate_px - columns)
     assert np.nanmean(off > 8.0) < 2e-3
+
+
+@pytest.mark.parametrize("name", ["full", "beats", "nested"])
+def test_another_number_of_steps_is_named(name):
+    """It was taken for frames that were lost, or for steps of another start."""
+    shown = plan_of(*(GRAY | SETS)[name])
+    number, block = next((k, b) for k, b in enumerate(shown.blocks) if isinstance(b, PhaseSteps))
+    told = list(shown.blocks)
+    told[number] = steps(block.period_px, block.frames + 1)
+    told = plan_of(*told)
+    frames = (photographed(shown, 91) + photographed(shown, 91))[: told.frames]
+    said = refusal(frames, told)
+    assert f"has {block.frames} steps, {block.frames + 1} in the plan" in said, said
+    assert said.startswith("frames: the set from "), said
+
+
+def test_a_bit_that_the_plan_lacks_is_named():
+    shown = plan_of(*LIGHT, GrayCode("x", 10.0, WIDTH), steps(20.0, 4))
+    told = plan_of(*LIGHT, GrayCode("x", 20.0, WIDTH), steps(20.0, 4))
+    said = refusal(photographed(shown, 92)[: told.frames], told)
+    assert said.startswith("frames: the Gray code along x has 6 bits, 5 in the plan"), said
+
+
+@pytest.mark.parametrize("name", ["full", "nested"])
+def test_columns_that_the_plan_calls_rows_are_named(name):
+    """Coordinates were given along the wrong axis, or the frames were called unrelated."""
+    shown = plan_of(*(GRAY | SETS)[name])
+    told = []
+    for b in shown.blocks:
+        if isinstance(b, GrayCode):
+            b = GrayCode("y", b.step_px, HEIGHT, b.inverse)
+        told.append(PhaseSteps("y", b.period_px, b.shifts_rad) if isinstance(b, PhaseSteps) else b)
+    said = refusal(photographed(shown, 93), plan_of(*told))
+    assert "the patterns along x and y are exchanged in the plan" in said, said
+
+
+@pytest.mark.parametrize("name", ["full", "half", "nested"])
+def test_fringes_that_blur_hides_are_named(name):
+    """The frames were taken for a stack that begins early."""
+    plan = plan_of(*(GRAY | SETS)[name])
+    said = told_of(photographed(plan, 94, blur=7.0), plan)
+    assert "they are blurred" in said or said.startswith("blur"), said
+
+
+def test_vibration_is_not_called_swapped():
+    plan = plan_of(GrayCode("x", 10.0, WIDTH, inverse=True), steps(20.0, 8))
+    for seed in (95, 96, 97):
+        said = told_of(photographed(plan, seed, shake=1.0), plan)
+        causes = ("moved from frame to frame", "motion", "steps", "flicker", "fringes beside")
+        assert any(cause in said for cause in causes), said
+        assert "are swapped, judging" not in said or "Nearest is" in said, said

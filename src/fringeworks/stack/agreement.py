@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import product
 from operator import is_
@@ -15,7 +15,7 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.stack.bit_states import cost_of_states
 from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.fits import SampleFit, fit_matrices, fit_samples, times
-from fringeworks.stack.hypothesis import Order
+from fringeworks.stack.hypothesis import Hypothesis
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.line_profile import line_ripple, sharp_residual
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
@@ -69,7 +69,8 @@ UNEXPLAINED = 1.0
 without a coordinate."""
 
 DARK = 0.2
-"""Largest share of the range of a pixel that a dark frame shows."""
+"""Largest share of the range of a pixel that a dark frame shows, by which the frames of a blurred
+set differ, and that coordinates change along lines if they change across them."""
 
 CONTRAST = 0.3
 """Smallest contrast of a frame with a pattern, as a share of the range."""
@@ -134,6 +135,13 @@ def _log1p(ratio: FloatMap) -> FloatMap:
 def _jumps(bends: FloatMap) -> bool:
     """Whether more of the known bends are jumps than depth edges make."""
     return bool(np.count_nonzero(bends >= 1.0) > JUMPS * bends.size)
+
+
+def _change(order: Hypothesis, decoding: Decoding) -> float:
+    """Cost of a change of the bit that is missing: coarse bits change at few pixels."""
+    bits = () if decoding.gray is None else decoding.gray.bits
+    coarser = [len(bits) - 1 - n for n, k in enumerate(bits) if order.places[k : k + 1] == (None,)]
+    return CHANGE[0] + CHANGE[1] * min(coarser, default=0)
 
 
 @lru_cache(maxsize=64)
@@ -210,6 +218,26 @@ class LineEvidence:
             return float("nan")
         usual = np.nanmedian(bright[:, seen], axis=0)
         return quantile(_finite(self.lines[frame])[seen] / usual, 0.5)
+
+    def flat(self, phases: PhaseFrames) -> bool:
+        """Whether the frames of a set hardly differ, though no cosine is dark or bright everywhere:
+        their fringes are blurred."""
+        lines = [_finite(self.lines[k])[self.voters] for k in phases.frames]
+        swing = np.maximum.reduce(lines) - np.minimum.reduce(lines)
+        if quantile(swing / (self.high - self.low)[self.voters], 0.5) > DARK:
+            return False
+        return phases.line_px is not None or not any(self.uniform(k) for k in phases.frames)
+
+    @property
+    def across(self) -> bool:
+        """Whether the coordinate rather changes from line to line than along the lines."""
+        _, maps = self._cost(self.decoding, [self._planned])
+        x = np.where(self.voters, maps["coordinate"], np.nan)
+        rows = x[np.count_nonzero(np.isfinite(x), axis=1) > MIN_CHANGES]
+        if len(rows) < MIN_CHANGES:
+            return False
+        along = float(np.median(np.nanstd(rows, axis=1)))
+        return along < DARK * float(np.std(np.nanmedian(rows, axis=1)))
 
     def difference(self, frame: int, other: int) -> float:
         """Mean difference of two frames beyond noise, over the range of the pixels; infinite where
@@ -318,8 +346,9 @@ class LineEvidence:
                 return True
         return False
 
-    def cost(self, order: Order) -> FloatMap | None:
+    def cost(self, order: Hypothesis, decoding: Decoding | None = None) -> FloatMap | None:
         """Cost of an order at every triple of voters, (n,); None where it cannot be decoded.
+        ``decoding`` is that of its patterns, where they are others than the plan's.
 
         Notes
         -----
@@ -327,21 +356,16 @@ class LineEvidence:
         coordinate between three neighbours, and of the residuals of every set of steps, each
         over that of unrelated frames: 0 for perfect agreement, 1 for none.
         """
-        options = self._planes(order)
+        decoding = decoding or self.decoding
+        options = self._planes(order, decoding)
         if options is None:
             return None
-        cost, maps = self._cost(self._with_steps(order), options, self._change(order))
-        if len(options) > 1 and order.lacks_one:
+        cost, maps = self._cost(decoding, options, _change(order, decoding))
+        if len(options) > 1 and order.lacks_one and decoding is self.decoding:
             # A bit without its noise costs less as well: only its other state speaks for a fault.
             planned, _ = self._cost(self.decoding, [self._planned])
             cost = planned - maps["gain"]
         return cost[self.triples] + UNEXPLAINED * self._unexplained(order)
-
-    def _change(self, order: Order) -> float:
-        """Cost of a change of the bit that is missing: coarse bits change at few pixels."""
-        bits = () if self.decoding.gray is None else self.decoding.gray.bits
-        coarser = [len(bits) - 1 - n for n, k in enumerate(bits) if not order.shown(k)]
-        return CHANGE[0] + CHANGE[1] * min(coarser, default=0)
 
     def _cost(
         self, decoding: Decoding, options: list[list[NDArray[Any]]], change: float = 0.0
@@ -365,7 +389,7 @@ class LineEvidence:
     ) -> tuple[FloatMap, dict[str, Any]]:
         open_limits = self.limits.open
         maps = [decode_sample(decoding.free, p, self.noise, open_limits) for p in options]
-        states = self._bends(maps)
+        states = self._bends(decoding, maps)
         if decoding.gray is not None and decoding.sets:
             bound = [decode_sample(decoding, p, self.noise, open_limits) for p in options]
             for k, (found, free) in enumerate(zip(bound, maps, strict=True)):
@@ -387,7 +411,7 @@ class LineEvidence:
                 cost = cost + self._residual(phases, planes)
         return cost, maps[0]
 
-    def _unexplained(self, order: Order) -> int:
+    def _unexplained(self, order: Hypothesis) -> int:
         """Frames of the stack that an order has no use for, unless they show no pattern or that of
         another frame."""
         unused = set(range(len(self.lines))) - set(order.places)
@@ -401,49 +425,37 @@ class LineEvidence:
             )
         return self._seen[frame]
 
-    def _with_steps(self, order: Order) -> Decoding:
-        others = [o for o in order.steps if o.axis == self.decoding.axis]
-        if not others:
-            return self.decoding
-        sets = list(self.decoding.sets)
-        for other in others:
-            for k, s in enumerate(sets):
-                if other.of_set in (None, k):
-                    shifts = (other.sign * (d - TURN * other.start) for d in s.shifts_rad)
-                    sets[k] = replace(s, shifts_rad=tuple(shifts))
-        return replace(self.decoding, sets=tuple(sets))
-
     def _bend(self, maps: dict[str, Any]) -> FloatMap:
         """Cost of the second difference along the lines, (r, l − 2)."""
-        return np.asarray(self._bends([maps])[0, 0, 0])
+        return np.asarray(self._bends(self.decoding, [maps])[0, 0, 0])
 
     def _constant(self, states: FloatMap) -> FloatMap:
         """Cost of every triple by the likelier state of a bit, the same along all lines."""
         every = [states[k, k, k] for k in range(len(states))]
         return np.asarray(min(every, key=lambda cost: float(np.sum(cost[self.triples]))))
 
-    def _bends(self, options: list[dict[str, Any]]) -> FloatMap:
+    def _bends(self, decoding: Decoding, options: list[dict[str, Any]]) -> FloatMap:
         """Cost of the second difference along the lines, by the options of the three neighbours,
         (n, n, n, r, l − 2)."""
         fine: Any
-        if self.decoding.sets:
-            finest = min(self.decoding.sets, key=lambda s: s.period_px)
+        if decoding.sets:
+            finest = min(decoding.sets, key=lambda s: s.period_px)
             period = finest.period_px
             ripple = SIGMAS * period / TURN * _sharpest(finest)[0]
             fine, jump = FINE_SHARE * period + ripple, JUMP_SHARE * period
         else:
-            assert self.decoding.gray is not None
-            fine = self.decoding.gray.step_px
+            assert decoding.gray is not None
+            fine = decoding.gray.step_px
             jump = JUMP_CELLS * fine
-        if self.decoding.sets:
+        if decoding.sets:
             sigma = options[0]["sigma"][:, 1:-1]
             fine = fine + SIGMAS * np.where(np.isfinite(sigma), sigma, 0.0)
         maps = [found["coordinate"] for found in options]
         costs = np.empty((len(maps),) * 3 + self.triples.shape)
         for i, j, k in product(range(len(maps)), repeat=3):
             bend = maps[i][:, :-2] + maps[k][:, 2:] - 2.0 * maps[j][:, 1:-1]
-            if np.isfinite(self.decoding.repeats_px):
-                bend -= self.decoding.repeats_px * np.rint(bend / self.decoding.repeats_px)
+            if np.isfinite(decoding.repeats_px):
+                bend -= decoding.repeats_px * np.rint(bend / decoding.repeats_px)
             costs[i, j, k] = np.log1p(np.fmin(np.abs(bend), np.float32(jump)) / fine)
         return np.asarray(costs / np.log1p(jump / fine))
 
@@ -463,7 +475,8 @@ class LineEvidence:
 
     def _residual(self, phases: PhaseFrames, planes: list[NDArray[Any]]) -> FloatMap:
         """Cost of the residuals of a set, (r, l − 2); kept for frames in the order of the plan."""
-        if not all(map(is_, planes, (self.lines[k] for k in phases.frames))):
+        of_plan = [self.lines[k] for k in phases.frames if k < len(self.lines)]
+        if len(of_plan) < len(planes) or not all(map(is_, planes, of_plan)):
             return self._residual_of(phases, planes)
         if phases not in self._kept:
             self._kept[phases] = self._residual_of(phases, planes)
@@ -484,17 +497,19 @@ class LineEvidence:
         cost = _log1p(square / floor) / np.maximum(most, np.float32(1.0))
         return np.asarray(np.fmin(cost, 1.0).reshape(self.low.shape)[:, 1:-1])
 
-    def _planes(self, order: Order) -> list[list[NDArray[Any]]] | None:
+    def _planes(self, order: Hypothesis, decoding: Decoding) -> list[list[NDArray[Any]]] | None:
         """Planes in the kernel's order, with those that are missing predicted by the others.
 
         A bit that nothing predicts is tried dark and bright. None where fewer than two steps of a
         set are there.
         """
-        shown = {k: self._plane(order, k) for k in self.decoding.frames}
-        for phases in self.decoding.sets:
-            if any(shown[k] is None for k in phases.frames) and not self._predict(phases, shown):
+        shown = {k: self._plane(order, k) for k in decoding.frames}
+        for phases in decoding.sets:
+            if any(shown[k] is None for k in phases.frames) and not self._predict(
+                phases, decoding, shown
+            ):
                 return None
-        gray = self.decoding.gray
+        gray = decoding.gray
         unknown = None
         if gray is not None:
             pairs = dict(zip(gray.bits, gray.inverse, strict=False))
@@ -514,10 +529,10 @@ class LineEvidence:
                 shown[unknown] = light
                 if gray is not None and gray.inverse:
                     shown[pairs[unknown]] = self.low + self.high - light
-            options.append([self._stored(shown[k]) for k in self.decoding.frames])
+            options.append([self._stored(shown[k]) for k in decoding.frames])
         return options
 
-    def _plane(self, order: Order, pattern: int) -> NDArray[Any] | None:
+    def _plane(self, order: Hypothesis, pattern: int) -> NDArray[Any] | None:
         place = order.places[pattern]
         if place is None:
             return None
@@ -526,9 +541,11 @@ class LineEvidence:
             plane = np.roll(plane, -order.moved_px, axis=1)
         if order.exposure is not None and place == order.exposure[0]:
             plane = plane / order.exposure[1]
-        return self.low + self.high - plane if pattern in order.inverted else plane
+        return plane
 
-    def _predict(self, phases: PhaseFrames, shown: dict[int, NDArray[Any] | None]) -> bool:
+    def _predict(
+        self, phases: PhaseFrames, decoding: Decoding, shown: dict[int, NDArray[Any] | None]
+    ) -> bool:
         """Predict the missing steps of a set by the others; False where there are too few."""
         kept = [n for n, k in enumerate(phases.frames) if shown[k] is not None]
         rows = np.array(phases.rows)
@@ -537,7 +554,7 @@ class LineEvidence:
             return False
         data = np.stack([np.asarray(shown[phases.frames[n]], np.float32).ravel() for n in kept])
         if len(kept) == 2:
-            middle = self._middle(phases, shown)
+            middle = self._middle(phases, decoding, shown)
             solver = np.linalg.pinv(rows[kept][:, 1:])
             wave = times(solver, data - middle)
             fitted = np.stack([middle, *wave])
@@ -551,10 +568,12 @@ class LineEvidence:
                 shown[k] = (rows[n] @ fitted).reshape(self.low.shape)
         return True
 
-    def _middle(self, phases: PhaseFrames, shown: dict[int, NDArray[Any] | None]) -> FloatMap:
+    def _middle(
+        self, phases: PhaseFrames, decoding: Decoding, shown: dict[int, NDArray[Any] | None]
+    ) -> FloatMap:
         """Background of the pixels, (r l,): of the complete sets, or else from the range."""
         found = []
-        for other in self.decoding.sets:
+        for other in decoding.sets:
             if other is not phases and all(shown[k] is not None for k in other.frames):
                 solver: Any = fit_matrices(other.rows)[1]
                 planes = [np.asarray(shown[k], np.float32).ravel() for k in other.frames]

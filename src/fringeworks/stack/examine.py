@@ -148,14 +148,17 @@ def examine(
         limits = known_limits(decodings, sample, unknown, noise, level)
         known = Known(noise, limits, estimate_steps)
         found = {axis: refined(decoding, sample, known) for axis, decoding in decodings.items()}
+        beside: list[Finding] = []
         if not moves:
-            found = {axis: _beside_code(axis, f, sample, findings) for axis, f in found.items()}
+            found = {axis: _beside_code(axis, f, sample, beside) for axis, f in found.items()}
         if estimate_response:
             _refuse_unknown_response(found)
         for axis_found in found.values():
             _refuse_unlike(axis_found.decoding, plan)
             findings += _of_steps(axis_found.decoding, plan)
             findings += axis_found.findings
+        # Motion and vibration move the fringes as well: they are named first.
+        findings += beside
     return Judgement(noise, limits, found, tuple(findings))
 
 
@@ -195,6 +198,7 @@ def _resolved(decoding: Decoding, points: Sequence[NDArray[Any]], noise: CameraN
     coarse = replace(
         gray.without_finest(count), blurred_px=found.blurred_px, farthest_px=found.farthest_px
     )
+    coarse = replace(coarse, resolved_px=coarse.step_px if count else None)
     return replace(decoding, gray=coarse)
 
 
@@ -265,7 +269,7 @@ def _degrees(phases: PhaseFrames) -> list[float]:
 def _check_order(
     plan: PatternPlan, sample: Sample, decodings: dict[Axis, Decoding], known: Known
 ) -> list[Finding]:
-    """Refuse frames in a wrong order; the exposures that differ are findings.
+    """Refuse frames in a wrong order; blurred sets and exposures that differ are findings.
 
     A response that is not linear may bend the phases so far that orders contradict each other, too:
     where no fault explains that, the frames are judged without it.
@@ -278,15 +282,22 @@ def _check_order(
         }
 
     planned = evidence(decodings)
-    if not refuse_order_faults(plan, planned):
-        return []
-    exposures = list(other_exposures(plan, planned))
+    suspicious = refuse_order_faults(plan, planned)
+    findings = [
+        words.flat(phases, axis)
+        for axis, found in planned.items()
+        for phases in found.decoding.sets
+        if found.flat(phases)
+    ]
+    if not suspicious:
+        return findings
+    findings += other_exposures(plan, planned)
     if known.estimate_steps:
         decodings = {
             axis: _straight(decoding, sample, known) for axis, decoding in decodings.items()
         }
     refuse_unrelated(evidence(decodings))
-    return exposures
+    return findings
 
 
 def _straight(decoding: Decoding, sample: Sample, known: Known) -> Decoding:

@@ -1,61 +1,82 @@
-"""A hypothesis about a stack: which frame shows which pattern of the plan, and how."""
+"""A hypothesis about a stack: the patterns of its frames, and which frame shows which of them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
-from fringeworks.types import Axis
+import numpy as np
 
+from fringeworks.patterns.plan import Block, PatternPlan
+from fringeworks.stack.kernel_settings import Decoding, decoding_of
+from fringeworks.types import Axis, BoolMap, InputError
 
-@dataclass(frozen=True)
-class OtherSteps:
-    """Sign and start of steps that differ from the plan's."""
-
-    axis: Axis
-    sign: float
-    """1, or −1 for steps that run backwards."""
-    start: float
-    """Start of the steps, turns."""
-    of_set: int | None = None
-    """Number of the set along the axis that takes these steps; None for all."""
+Places = tuple[int | None, ...]
 
 
 @dataclass(frozen=True)
-class OtherPeriod:
-    """Period of a set that differs from the plan's."""
+class Hypothesis:
+    """Patterns, the frames that show them, and the fault of a capture that would make it."""
 
-    axis: Axis
-    of_set: int
-    """Number of the set along the axis."""
-    px: float
-    """The period, projector px."""
-
-
-@dataclass(frozen=True)
-class Order:
-    """A hypothesis: which frame of the stack shows which pattern of the plan."""
-
-    places: tuple[int | None, ...]
-    """Frame of the stack that shows each pattern of the plan; None where none does."""
-    inverted: frozenset[int] = frozenset()
-    """Patterns that are shown with light and dark exchanged."""
+    plan: PatternPlan
+    """Patterns that the frames show: those of the plan, or others."""
+    places: Places
+    """Frame of the stack that shows each pattern; None where none does."""
+    kind: str = ""
+    words: str = ""
+    """The fault in words."""
+    advice: str = ""
+    changes: int = 0
+    """Number of conventions that differ from the plan's, for an order of another program."""
+    exchanged: bool = False
+    """Whether columns and rows change places."""
     since: int = 0
     """First frame of the stack that sees the scene moved."""
     moved_px: int = 0
     """Shift of the image since then along the lines, camera px."""
-    steps: tuple[OtherSteps, ...] = ()
-    """Steps that differ from the plan's."""
     exposure: tuple[int, float] | None = None
     """A frame of the stack whose exposure is another, and how many times that of the others."""
-    period: OtherPeriod | None = None
-    """A period that differs from the plan's."""
+    band: Mapping[Axis, BoolMap] = field(default_factory=dict, compare=False)
+    """Votes that see it along each axis; all of all axes where empty."""
 
-    def shown(self, pattern: int) -> bool:
-        """Whether there is a frame for a pattern."""
-        return pattern >= len(self.places) or self.places[pattern] is not None
+    @classmethod
+    def of(cls, plan: PatternPlan) -> Hypothesis:
+        """The plan itself."""
+        return cls(plan, tuple(range(plan.frames)))
 
     @property
     def lacks_one(self) -> bool:
-        """Whether it is the plan's order, but for one pattern that no frame shows."""
+        """Whether every frame has its place, but for one pattern that no frame shows."""
         shown = [k for k, place in enumerate(self.places) if place == k]
         return len(shown) == len(self.places) - 1 and None in self.places
+
+
+def changed(plan: PatternPlan, others: Mapping[int, Block]) -> PatternPlan:
+    """The plan with other blocks at the places of those that begin at some frames."""
+    return replace(plan, blocks=tuple(others.get(first, block) for first, block in plan.placed))
+
+
+def decoding_under(plan: PatternPlan, axis: Axis, planned: Decoding) -> Decoding | None:
+    """The decoding of other patterns, with the cells that the camera resolves of the planned ones;
+    None where the patterns do not determine a coordinate."""
+    try:
+        found = decoding_of(plan, axis, absolute=planned.absolute, response=None)
+    except InputError:
+        return None
+    gray, seen = found.gray, planned.gray
+    if gray is not None and seen is not None:
+        finer = np.log2(max((seen.resolved_px or 0.0) / gray.step_px, 1.0))
+        gray = replace(gray.without_finest(int(finer)), blurred_px=seen.blurred_px)
+    return replace(found, gray=gray)
+
+
+def filled(plan: PatternPlan, frames: int, kind: str, words: str) -> Hypothesis:
+    """Other patterns, shown by the frames of the stack one after another as far as they go."""
+    places = tuple(k if k < frames else None for k in range(plan.frames))
+    return Hypothesis(plan, places, kind, words)
+
+
+def lagged(n: int, lag: int) -> tuple[Places, Places]:
+    """Places of n frames that are late; the ends show the next scan, or no pattern."""
+    within = tuple(k + lag if 0 <= k + lag < n else None for k in range(n))
+    return tuple((k + lag) % n for k in range(n)), within

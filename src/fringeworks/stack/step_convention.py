@@ -210,6 +210,13 @@ def steps_in_words(decoding: Decoding, found: Convention, labels: list[str]) -> 
         if sign < 0
         else f"the phase at coordinate 0 is {360.0 * start:.0f}°, expected 0°"
     )
+    if not found.usual:
+        return (
+            f"the fringes along {decoding.axis} lie {abs(found.offset_px):.2g} px beside the Gray "
+            f"code ({seen}): the scene or the camera moved between them, or the steps have another "
+            "start than the plan says",
+            f"; steps that fit the frames from {labels[phases.frames[0]]} on: {steps}",
+        )
     return (
         f"the steps along {decoding.axis} have another sign or start than the plan says ({seen})",
         f"; steps that fit the frames from {labels[phases.frames[0]]} on: {steps}",

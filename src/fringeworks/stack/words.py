@@ -141,6 +141,26 @@ def beyond_projector(found: Decoding, plan: PatternPlan) -> list[Finding]:
     ]
 
 
+def flat_in_words(phases: PhaseFrames, axis: Axis) -> str:
+    """A set whose fringes are blurred."""
+    return (
+        f"the fringes of {phases.period_px:.6g} px along {axis} hardly change the light of the "
+        "pixels: they are blurred"
+    )
+
+
+def flat(phases: PhaseFrames, axis: Axis) -> Finding:
+    """The finding about such a set, in a stack that can be decoded."""
+    return Finding(
+        "blur",
+        flat_in_words(phases, axis),
+        ("a camera or a projector out of focus", "fringes too fine for the camera"),
+        "focus both, or use wider fringes",
+        axis,
+        figures={"period_px": phases.period_px},
+    )
+
+
 def apart(axis: Axis, found: Convention) -> Finding:
     """Fringes that do not lie where the Gray code says."""
     px = abs(found.offset_px)

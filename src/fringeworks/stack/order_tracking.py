@@ -28,6 +28,8 @@ give no support."""
 SURFACE_PERIODS = 0.5
 """Difference of the coordinates in the window, in periods of the finest fringes, up to which they
 belong to one surface."""
+STEP_SHARE = 0.15
+"""Share of the sure pixels of the window beyond which another surface is beside a pixel."""
 RAISED = 3.0
 """Factor on the variance of a region, over the usual one, from which on its pixels need
 neighbours on their surface even where nothing else speaks against them. In simulations wrong orders
@@ -67,7 +69,7 @@ def track_orders(
     finest = min(phases.period_px for phases in decoding.sets)
     lit = reason == Reason.OK
     usual = np.median(results["inflation"][lit]) if lit.any() else 1.0
-    raised = results["inflation"] > RAISED * usual
+    raised = usually_raised = results["inflation"] > RAISED * usual
     doubtful = raised
     if expected is not None:
         known = ~np.isnan(expected)
@@ -78,9 +80,15 @@ def track_orders(
         same |= ambiguous
         raised, doubtful = raised & ~same, (raised | known) & ~same
     measured = reason == Reason.OK
-    alone = _alone(coordinate, measured & doubtful, measured & ~raised, SURFACE_PERIODS * finest)
+    sure, reach = measured & ~usually_raised, SURFACE_PERIODS * finest
+    alone = _alone(coordinate, measured & doubtful, measured & ~raised, reach)
     coordinate[alone] = sigma[alone] = np.nan
     reason[alone] = Reason.ISOLATED
+    if decoding.gray is not None:
+        torn = usually_raised & measured & ~alone
+        torn = _beside_steps(coordinate, torn, sure, reach)
+        coordinate[torn] = sigma[torn] = np.nan
+        reason[torn] = Reason.ORDER_AMBIGUOUS
 
 
 def _decide(
@@ -132,4 +140,22 @@ def _alone(coordinate: FloatMap, doubtful: BoolMap, sure: BoolMap, reach_px: flo
                 near += off < reach_px
     marked = np.zeros_like(doubtful)
     marked[rows, columns] = near < SUPPORT_SHARE * np.maximum(count, MIN_SURE)
+    return marked
+
+
+def _beside_steps(coordinate: FloatMap, doubtful: BoolMap, sure: BoolMap, far_px: float) -> BoolMap:
+    """Mark doubtful pixels with sure ones around them that are farther than a distance."""
+    rows, columns = np.nonzero(doubtful)
+    half = SUPPORT_WINDOW // 2
+    own = coordinate[rows, columns]
+    padded = np.pad(np.where(sure, coordinate, np.nan), half, constant_values=np.nan)
+    far, count = np.zeros(rows.size), np.zeros(rows.size)
+    for down in range(SUPPORT_WINDOW):
+        for right in range(SUPPORT_WINDOW):
+            off = np.abs(padded[rows + down, columns + right] - own)
+            count += ~np.isnan(off)
+            with np.errstate(invalid="ignore"):
+                far += off > far_px
+    marked = np.zeros_like(doubtful)
+    marked[rows, columns] = far > STEP_SHARE * np.maximum(count, MIN_SURE)
     return marked

@@ -458,7 +458,7 @@ class SequenceDecoder:
         if axis in self._tracked:
             before, coordinate = self._tracked[axis]
             expected = expected_later(coordinate, motion, axis, self._next - before)
-        track_orders(results, decoding, judged.noise, expected)
+        track_orders(results, decoding, judged.noise, expected, motion.flow_px)
         compare_neighbours(found, results, typical_px=typical_step(found, results))
         if axis in motion.path_sigma_px:
             # The coordinate is moved from the times of its sets to the moment.

@@ -42,7 +42,8 @@ def capture_hdr(
     settings : sequence of CameraSettings, or int
         One for each exposure, as from ``exposure_series``; or their number, and ``exposure_series``
         chooses them. Where whole refresh periods are too bright, they are multiples of a half, a
-        third or a quarter of one, or any; each scan then measures the light first. With ``resume``, a number stands for those of the interrupted scan.
+        third or a quarter of one, or any; each scan then measures the light first. With ``resume``,
+        a number stands for those of the interrupted scan.
     delays : sequence of Delay, optional
         One for each exposure, for the fast way of taking frames: a delay depends on the exposure.
     average, force, progress

@@ -150,7 +150,8 @@ class _Fit:
         times = _shapes(self.block.frames)
         steps = [whole(one, self.wave.shape) / np.float32(unit) for one in self.missing]
         turned = [
-            known + _weighed(part, steps) for known, part in zip(self.turned_rad, times.T, strict=True)
+            known + _weighed(part, steps)
+            for known, part in zip(self.turned_rad, times.T, strict=True)
         ]
         _, c, s, _ = fit_moving(self.samples, self.block.shifts_rad, turned)
         left, variance = ripples(c + np.complex64(1j) * s, self.block.shifts_rad, BLOCK)

@@ -127,8 +127,8 @@ class _Kind:
 
     @property
     def averaged(self) -> float:
-        """Standard deviation by what an exposure of unknown length averages out of a vibration, over
-        its size in the frames: half of what an exposure as long as a frame does."""
+        """Standard deviation by what an exposure of unknown length averages out of a vibration,
+        over its size in the frames: half of what an exposure as long as a frame does."""
         if not self.period:
             return 0.0
         left = abs(float(np.sinc(1.0 / self.period)))
@@ -287,7 +287,7 @@ class MotionPath:
         Two standard deviations contain 95 % of what the hypotheses together say, and every
         vibration that looks alike in the frames: how likely one of them is depends on what was
         assumed beforehand. A vibration is smaller in the frames than at a moment, by what their
-        exposure averages out; its length is not known, and what that leaves open is contained as well.
+        exposure averages out. How long that is, is not known; this is contained as well.
         """
         mean, places, variances = np.zeros((len(rows), self._seen.shape[1])), [], []
         averaged = np.zeros((unsure, self._seen.shape[1]))

@@ -81,12 +81,19 @@ def ripples(
         np.asarray(cv2.resize(one, (columns, rows), interpolation=cv2.INTER_AREA)) for one in whole
     )
     found: list[FloatMap] = [-imag, real]
-    off = [one - cv2.blur(one, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT_101) for one in found]
-    square = cv2.blur(off[0] ** 2 + off[1] ** 2, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT_101)
+    off = [one - _mean_around(one) for one in found]
+    square = _mean_around(off[0] ** 2 + off[1] ** 2)
     variance = np.where(np.hypot(real, imag) > LARGEST, np.float32(UNKNOWN), square)
     kept = np.linalg.norm(_both_weights(shifts_rad), axis=1) > LEAST_WEIGHT
     return [one for one, keep in zip(found, kept, strict=True) if keep], variance
 
 
+def _mean_around(blocks: FloatMap) -> FloatMap:
+    """Mean of blocks and those around them."""
+    size = (AROUND, AROUND)
+    return np.asarray(cv2.blur(blocks, size, borderType=cv2.BORDER_REFLECT_101))
+
+
 def _smooth(values: FloatMap) -> FloatMap:
-    return np.asarray(cv2.GaussianBlur(values, (0, 0), WINDOW_PX, borderType=cv2.BORDER_REFLECT_101))
+    border = cv2.BORDER_REFLECT_101
+    return np.asarray(cv2.GaussianBlur(values, (0, 0), WINDOW_PX, borderType=border))

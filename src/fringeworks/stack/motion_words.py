@@ -18,9 +18,8 @@ SAME_PERIOD = 0.2
 """Relative difference of periods up to which they are one: a few cycles do not tell them apart."""
 CYCLES_PER_PERIOD = 4
 """Cycles of the plan per period of a vibration that follow it surely."""
-
 FASTER = 2
-"""Factor on the frame rate that is advised where motion is slow: it halves what moves in a cycle."""
+"""Factor on the frame rate that is advised where motion is slow: it halves the way in a cycle."""
 
 
 def unsteady(

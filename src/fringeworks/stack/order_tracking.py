@@ -70,8 +70,8 @@ def track_orders(
     A coordinate of the expected order is kept. One of another order is kept where enough neighbours
     of right orders lie on its surface: it belongs to a part of the scene that has come into view.
     An order that the plan alone leaves ambiguous is that of the expected coordinate, where all sets
-    agree with it. Where a depth step moves across the image, the bits of a Gray code and the fringes
-    of a pixel may be those of two surfaces: pixels beside it have no order.
+    agree with it. Where a depth step moves across the image, the bits of a Gray code and the
+    fringes of a pixel may be those of two surfaces: pixels beside it have no order.
     """
     coordinate, sigma, reason = (results[name] for name in ("coordinate", "sigma", "reason"))
     finest = min(phases.period_px for phases in decoding.sets)
@@ -79,7 +79,7 @@ def track_orders(
     usual = np.median(results["inflation"][lit]) if lit.any() else 1.0
     raised = results["inflation"] > RAISED * usual
     torn = raised | _near_motion(flow_px, lit)
-    sure = ~raised
+    clear = ~raised
     doubtful = raised
     if expected is not None:
         known = ~np.isnan(expected)
@@ -93,7 +93,7 @@ def track_orders(
     reach = SURFACE_PERIODS * finest
     alone = _alone(coordinate, measured & doubtful, measured & ~raised, reach)
     if decoding.gray is not None:
-        torn = _beside_steps(coordinate, measured & torn & ~alone, measured & sure, reach)
+        torn = _beside_steps(coordinate, measured & torn & ~alone, measured & clear, reach)
         coordinate[torn] = sigma[torn] = np.nan
         reason[torn] = Reason.ORDER_AMBIGUOUS
     coordinate[alone] = sigma[alone] = np.nan
@@ -144,6 +144,25 @@ def _decide(
 
 def _alone(coordinate: FloatMap, doubtful: BoolMap, sure: BoolMap, reach_px: float) -> BoolMap:
     """Mark doubtful pixels that are on the surface of too few sure pixels around them."""
+    near, count = _around(coordinate, doubtful, sure, reach_px)
+    marked = np.zeros_like(doubtful)
+    marked[doubtful] = near < SUPPORT_SHARE * np.maximum(count, MIN_SURE)
+    return marked
+
+
+def _beside_steps(coordinate: FloatMap, doubtful: BoolMap, sure: BoolMap, far_px: float) -> BoolMap:
+    """Mark doubtful pixels with sure ones around them that are farther than a distance."""
+    near, count = _around(coordinate, doubtful, sure, far_px)
+    marked = np.zeros_like(doubtful)
+    marked[doubtful] = count - near > STEP_SHARE * np.maximum(count, MIN_SURE)
+    return marked
+
+
+def _around(
+    coordinate: FloatMap, doubtful: BoolMap, sure: BoolMap, reach_px: float
+) -> tuple[FloatMap, FloatMap]:
+    """Number of sure pixels in the window of each doubtful one that are nearer than a distance, and
+    of all sure ones there."""
     rows, columns = np.nonzero(doubtful)
     half = SUPPORT_WINDOW // 2
     own = coordinate[rows, columns]
@@ -155,24 +174,4 @@ def _alone(coordinate: FloatMap, doubtful: BoolMap, sure: BoolMap, reach_px: flo
             count += ~np.isnan(off)
             with np.errstate(invalid="ignore"):
                 near += off < reach_px
-    marked = np.zeros_like(doubtful)
-    marked[rows, columns] = near < SUPPORT_SHARE * np.maximum(count, MIN_SURE)
-    return marked
-
-
-def _beside_steps(coordinate: FloatMap, doubtful: BoolMap, sure: BoolMap, far_px: float) -> BoolMap:
-    """Mark doubtful pixels with sure ones around them that are farther than a distance."""
-    rows, columns = np.nonzero(doubtful)
-    half = SUPPORT_WINDOW // 2
-    own = coordinate[rows, columns]
-    padded = np.pad(np.where(sure, coordinate, np.nan), half, constant_values=np.nan)
-    far, count = np.zeros(rows.size), np.zeros(rows.size)
-    for down in range(SUPPORT_WINDOW):
-        for right in range(SUPPORT_WINDOW):
-            off = np.abs(padded[rows + down, columns + right] - own)
-            count += ~np.isnan(off)
-            with np.errstate(invalid="ignore"):
-                far += off > far_px
-    marked = np.zeros_like(doubtful)
-    marked[rows, columns] = far > STEP_SHARE * np.maximum(count, MIN_SURE)
-    return marked
+    return near, count

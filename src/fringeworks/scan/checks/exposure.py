@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.scan.exposure import TooBright, TooDark, auto_exposure, exposure_in

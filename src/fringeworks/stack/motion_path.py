@@ -60,6 +60,9 @@ the noise of the coordinates must fit into two standard deviations as well."""
 MOST_AVERAGED = 1.0
 """Largest standard deviation of a vibration by what an exposure averages out, over its size in the
 frames: that of a period of 1.6 frames in exposures as long as a frame."""
+LEAST_AVERAGED = 0.01
+"""Smallest such share that counts: that of a period of 9 frames. Slower vibrations move as the
+frames show."""
 WITHIN = 0.95
 """Share of what the hypotheses say that two standard deviations contain."""
 JITTER = 1e-9
@@ -301,7 +304,8 @@ class MotionPath:
             told = (to_seen[-unsure:] @ one.basis) ** 2 @ one.spread
             places.append(place[-unsure:])
             variances.append(np.maximum(own[:, None] - told, 0.0))
-            averaged += one.weight * self._averaged(one, last, times)
+            if one.kind.averaged >= LEAST_AVERAGED:
+                averaged += one.weight * self._averaged(one, last, times)
         mean /= total
         sigma = self._deviations(np.stack(places) - mean[-unsure:], np.stack(variances), total)
         sigma = np.sqrt(sigma**2 + averaged / total)
@@ -311,8 +315,6 @@ class MotionPath:
         self, one: _Hypothesis, rows: NDArray[np.float64], times: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Variance of sums of places by what exposures average out of a vibration, (q, blocks)."""
-        if not one.kind.averaged:
-            return np.zeros((len(rows), self._seen.shape[1]))
         kernel = one.kind.kernel(times[:, None] - self._times[None, :], self._cycle)
         place = one.kind.size_px**2 * (rows @ kernel @ self._found.weights.T) @ one.solved
         return np.asarray((one.kind.averaged * place) ** 2)

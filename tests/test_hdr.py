@@ -13,7 +13,7 @@ from fringeworks.devices.bench import virtual_bench
 from fringeworks.devices.clock import SimulatedClock
 from fringeworks.files import read_stack
 from fringeworks.files.capture import read_capture
-from fringeworks.files.exposures import is_exposures, read_exposures
+from fringeworks.files.exposures import is_exposures, read_exposures, series_to_resume
 from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
 from fringeworks.patterns.encode import encode
 from fringeworks.pipeline.stacks import decode_stack, measure
@@ -314,3 +314,29 @@ def test_patterns_that_are_not_cut_off_have_no_saturation(name, noise, kind):
     found = decode(frames, shown)
     assert not [f for f in found.findings if f.kind == "saturated"]
     assert np.mean(found.x.reason == Reason.OK) > 0.95
+
+
+def test_a_series_before_a_bright_projector_goes_below_a_refresh_period(tmp_path):
+    """White is 2.4 times as bright as the sensor's limit at a whole refresh period."""
+    b = bench(scene=Screen(white=2.4, ambient=0.01))
+    series = capture_hdr(b.projector, b.camera, plan(), tmp_path / "many", 2)
+    used = series_to_resume(series)
+    period_ms = 1e3 * b.projector.refresh_s
+    assert used[0].exposure_ms < period_ms
+    # Multiples of a half, a third or a quarter of a period.
+    parts = [12.0 * one.exposure_ms / period_ms for one in used]
+    np.testing.assert_allclose(parts, np.rint(parts), atol=0.01)
+    assert np.mean(decode_stack(series).x.reason == Reason.OK) > 0.95
+
+
+def test_one_saturated_exposure_is_named_and_left_out(tmp_path):
+    """Frames of saturated pixels only are equal, and are no frame that was delivered again."""
+    b = bench(scene=Screen(white=0.8, ambient=0.03))
+    columns, rows = b.projector.size_px
+    shown = PatternPlan(columns, rows, (*plan().blocks, Uniform("white"), Uniform("black")))
+    exposures = [CameraSettings(exposure_ms=k * 1e3 / 60) for k in (1, 14)]
+    folder = capture_hdr(b.projector, b.camera, shown, tmp_path / "many", exposures)
+    found = decode_stack(folder)
+    assert np.mean(found.x.reason == Reason.OK) > 0.95
+    (unused,) = [f for f in found.findings if f.kind == "exposures" and f.rank]
+    assert "exposure 2 of 2 is not used: saturated" in unused.seen

@@ -12,7 +12,10 @@ from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform
 from fringeworks.stack.kernel_settings import decoding_of
 from fringeworks.stack.motion_code import code_distance
 from fringeworks.stack.motion_evidence import missing_turns, turn_weights
+from fringeworks.stack.motion_ripple import ripple_weights, ripples
+from fringeworks.stack.motion_words import unsteady
 from fringeworks.stack.step_convention import convention
+from fringeworks.types import CoordinateMap
 
 pytestmark = pytest.mark.statistical
 
@@ -205,3 +208,76 @@ def test_three_steps_follow_slower_vibrations():
     assert missing_turns(still, steps(16.0, 3), still, 1.0)[1:] == ([], [])
     normal, _, _ = measured(three_steps(), sine(1.0, 27.0))
     assert np.mean(np.abs(normal) < 2.0) > 0.9
+
+
+@pytest.mark.parametrize("count", [3, 4, 5, 8])
+def test_ripples_tell_motion_to_and_fro(count):
+    block = steps(16.0, count)
+    path = 0.3 * (-1.0) ** np.arange(count) + 0.05 * np.arange(count)
+    samples = [
+        100.0 + 80.0 * np.cos(TURN * (still_px() + d) / 16.0 - shift)
+        for d, shift in zip(path, block.shifts_rad, strict=True)
+    ]
+    design = np.stack([np.ones(count), np.cos(block.shifts_rad), np.sin(block.shifts_rad)], 1)
+    _, c, s = np.tensordot(np.linalg.pinv(design), np.stack(samples), 1)
+    found, variance = ripples((c + 1j * s).astype(np.complex64), block.shifts_rad, 12)
+    weights = ripple_weights(block.shifts_rad)
+    # Four steps have one: that of motion that alternates.
+    assert len(found) == len(weights) == (1 if count == 4 else 2)
+    np.testing.assert_allclose(weights.sum(axis=1), 0.0, atol=1e-12)
+    for one, row in zip(found, weights, strict=True):
+        off = one - TURN / 16.0 * (row @ path)
+        assert np.abs(np.median(off)) < 0.01
+        assert np.mean(off**2 < 16.0 * variance) > 0.9
+
+
+def test_wide_fringes_show_no_ripple():
+    """Their phases do not take all values within the window."""
+    wave = 80.0 * np.exp(1j * TURN * still_px() / 640.0)
+    _, variance = ripples(wave.astype(np.complex64), steps(640.0, 4).shifts_rad, 12)
+    assert variance.min() > 0.5
+
+
+def exposed_px(moved_px, time):
+    """Mean of a motion over an exposure of ``photographed``."""
+    return np.mean([moved_px(time + 0.8 * (k / 8.0 - 0.5)) for k in range(9)])
+
+
+@pytest.mark.parametrize("per_plan", [6.7, 10.3])
+@pytest.mark.parametrize("orders", ORDERS)
+def test_vibrations_that_look_alike_are_at_one_place_at_a_frame(orders, per_plan):
+    """To and fro in two frames, and faster than the frames."""
+    plan = ORDERS[orders]
+    n = plan.frames
+    path = sine(0.5, n / per_plan)
+    frames = photographed(plan, path, 5 * n, 41)
+    normal, off = [], []
+    for moment in fw.stack.decode_sequence(frames, plan, every=n // 3):
+        assert moment.time_frames == moment.first_frame + n // 2
+        if n <= moment.first_frame <= 3 * n:
+            found = moment.decoded.x
+            error = found.coordinate_px - still_px() - exposed_px(path, moment.time_frames)
+            normal.append((error / found.sigma_px)[np.isfinite(error)])
+            off.append(error[np.isfinite(error)])
+    normal = np.concatenate(normal)
+    assert np.mean(np.abs(normal) < 2.0) > 0.9
+    assert np.mean(np.abs(normal) > 5.0) < 300e-6
+    assert np.sqrt(np.mean(np.concatenate(off) ** 2)) < 0.15
+
+
+@pytest.mark.parametrize(("period", "factor"), [(100.0, 2), (12.0, 4), (5.0, 10), (None, 4)])
+def test_the_advice_against_motion_is_more_frames(period, factor):
+    shape = (24, 36)
+    found = CoordinateMap(
+        axis="x",
+        coordinate_px=np.zeros(shape, np.float32),
+        sigma_px=np.full(shape, 0.1, np.float32),
+        modulation=np.ones(shape, np.float32),
+        background=np.ones(shape, np.float32),
+        reason=np.zeros(shape, np.uint8),
+        periods_px=(16.0,),
+    )
+    chances = {} if period is None else {period: np.ones((2, 3), np.float32)}
+    finding = unsteady(found, np.full(shape, 0.09, np.float32), chances, 12)
+    assert finding.advice.startswith(f"take {factor} times as many frames per second, or a plan of")
+    assert finding.figures["rate_factor"] == factor

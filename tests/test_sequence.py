@@ -331,7 +331,7 @@ def test_a_sequence_is_written_as_it_comes(tmp_path):
     assert group.attrs["complete"]
     assert group["xyz_mm"].shape == (5, *RIG.camera.shape, 3)
     assert group["xyz_mm"].shards == (1, 256, 512, 3)
-    np.testing.assert_allclose(group["time"][:], (5.5 + 6 * np.arange(5)) / 50.0)
+    np.testing.assert_allclose(group["time"][:], (6.0 + 6 * np.arange(5)) / 50.0)
     moments = list(fw.stack.measure_sequence(frames, RIG, FOUR, every=6))
     np.testing.assert_array_equal(group["xyz_mm"][3], moments[3].points.xyz_mm)
     np.testing.assert_array_equal(group["reason"][3], moments[3].points.reason)

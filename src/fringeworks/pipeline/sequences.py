@@ -25,7 +25,8 @@ class MeasuredMoment(Frozen):
     motion: Motion
     """How the scene moves at this moment, in camera and projector px."""
     time_frames: float
-    """The moment, in frames from the first one of the sequence: the middle of its frames."""
+    """The moment, in frames from the first one of the sequence: the time of the middle one of its
+    frames, or of the later of two."""
     first_frame: int
     """Index in the sequence of the first of its frames, which are as many as the plan's."""
 

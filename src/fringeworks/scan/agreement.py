@@ -11,10 +11,7 @@ from numpy.typing import NDArray
 from fringeworks.devices.protocols import Camera, Grab, Projector
 from fringeworks.scan.differences import agree, block_differences, changed, compared
 from fringeworks.scan.frame_noise import FrameNoise, frame_noise, kept_of_change, two_of
-from fringeworks.scan.saturation import (
-    SaturationGuard,
-    largest_count,
-)
+from fringeworks.scan.saturation import CLIPPED_SHARE, SaturationGuard, largest_count
 from fringeworks.scan.taking import Picture
 from fringeworks.scan.uniform import black_picture, texture_picture, white_picture
 from fringeworks.types import CameraSettings, DeviceProblem
@@ -79,6 +76,8 @@ class Agreement:
         """The two frames that agreed last, on the grid of ``compared``, counts; they differ by
         noise."""
         self._noise: FrameNoise | None = None
+        self._full = np.inf
+        """Largest count of the camera; known after ``start``."""
         self._means: list[float] = []
         """Mean brightness of the frames since a uniform picture was shown."""
 
@@ -133,7 +132,8 @@ class Agreement:
             # Such traces may be all that differs in these frames.
             series = [_pixels(self._later(noise.waited_frames))]
             noise = frame_noise(series, kept)
-        self._noise = self._plausible(noise, largest_count(settings, series[-1][-1].dtype))
+        self._full = largest_count(settings, series[-1][-1].dtype)
+        self._noise = self._plausible(noise, self._full)
         self._picture, self._frame = texture, compared(series[-1][-1])
         if noise.waited_frames:
             return self.take(black, "black"), self.take(white, "white")
@@ -223,8 +223,15 @@ class Agreement:
             last = frame
 
     def _repeated(self, one: NDArray[np.float32] | None, other: NDArray[np.float32]) -> bool:
-        """Whether a frame is the one before, delivered again."""
-        return one is not None and not self.noise.exact and np.array_equal(one, other)
+        """Whether a frame is the one before, delivered again. Frames of saturated pixels only are
+        equal without that."""
+        if one is None or self.noise.exact or not np.array_equal(one, other):
+            return False
+        return not self._saturated(other)
+
+    def _saturated(self, frame: NDArray[np.float32]) -> bool:
+        """Whether all pixels are at the sensor's limit."""
+        return frame.size > 0 and float(frame.min()) >= CLIPPED_SHARE * self._full
 
     def _agrees(self, one: NDArray[np.float32], other: NDArray[np.float32]) -> bool:
         return agree(block_differences(one, other, self.noise.largest))
@@ -307,6 +314,11 @@ class Agreement:
 
     def _why_not(self, label: str, seen: bool) -> str:
         name, wait = self._camera.name, f"within {self._timeout_s:g} s"
+        if not seen and self._saturated(self._frame):
+            return (
+                f"{name}: expected a change after {label} was shown, got none {wait}: all pixels "
+                "are saturated; expose for a shorter time, lower the gain, or close the aperture"
+            )
         if not seen:
             return (
                 f"{name}: expected a change after {label} was shown, got none {wait}: the camera "

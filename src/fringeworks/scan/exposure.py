@@ -176,6 +176,13 @@ def exposure_series(
             auto_exposure(projector, camera, longest_ms=longest_ms, whole_periods=whole_periods)
         ]
     allowed = exposure_range(projector, camera, longest_ms=longest_ms, whole_periods=whole_periods)
+    return series_in(projector, camera, allowed, count)
+
+
+def series_in(
+    projector: Projector, camera: Camera, allowed: ExposureRange, count: int
+) -> list[CameraSettings]:
+    """Choose two settings or more in a range as ``exposure_series`` does."""
     seen = _sweep(projector, camera, allowed)
     light, bounded = light_per_ms(seen)
     if np.mean(bounded) > 0.5:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +17,10 @@ frames of white arrive well within the time for which ``Agreement`` waits."""
 ROUNDED_SHARE = 0.01
 """Largest difference between the exposure that was asked for and the one that the camera reports,
 relative. A larger one is no rounding; 1 % of a period makes 1 % of flicker at most."""
+
+PARTS_OF_REFRESH = (2, 3, 4)
+"""Parts of a refresh period in which colour wheels turn once and backlights pulse once: at 60 Hz,
+wheels of 120, 180 and 240 Hz."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +108,19 @@ def exposure_range(
             f"got {high:g} ms"
         )
     return ExposureRange(first * period_ms, last * period_ms, period_ms, limits.gain_db)
+
+
+def shorter_ranges(projector: Projector, camera: Camera) -> Iterator[ExposureRange]:
+    """Ranges of exposures that are shorter than a refresh period, the safest first.
+
+    Whether these see the same light in every frame must be measured.
+    """
+    anything = exposure_range(projector, camera, longest_ms=LONGEST_MS, whole_periods=False)
+    for part in PARTS_OF_REFRESH:
+        period_ms = 1e3 * (projector.refresh_s or 0.0) / part
+        if anything.shortest_ms <= period_ms <= anything.longest_ms:
+            yield replace(anything, shortest_ms=period_ms, period_ms=period_ms)
+    yield anything
 
 
 def configured(camera: Camera, settings: CameraSettings) -> CameraSettings:

@@ -11,8 +11,8 @@ from fringeworks.files.capture_writer import refuse_replacing
 from fringeworks.files.exposures import series_to_resume, writing_exposures
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.capture import capture
-from fringeworks.scan.exposure import exposure_series
-from fringeworks.scan.exposure_range import configured
+from fringeworks.scan.exposure import TooBright, exposure_series, series_in
+from fringeworks.scan.exposure_range import configured, shorter_ranges
 from fringeworks.scan.frames import Progress, check_plan
 from fringeworks.types import CameraSettings, Delay, InputError
 
@@ -41,7 +41,9 @@ def capture_hdr(
         New, empty, or of a scan that was not finished. The captures lie in its folders 0, 1, …
     settings : sequence of CameraSettings, or int
         One for each exposure, as from ``exposure_series``; or their number, and ``exposure_series``
-        chooses them. With ``resume``, a number stands for those of the interrupted scan.
+        chooses them. Where whole refresh periods are too bright, they are multiples of a half, a
+        third or a quarter of one, or any; each scan then measures the light first. With ``resume``,
+        a number stands for those of the interrupted scan.
     delays : sequence of Delay, optional
         One for each exposure, for the fast way of taking frames: a delay depends on the exposure.
     average, force, progress
@@ -66,7 +68,7 @@ def capture_hdr(
         refuse_replacing(folder)
     if isinstance(settings, int):
         known = series_to_resume(folder) if resume else None
-        settings = known or exposure_series(projector, camera, settings)
+        settings = known or _series(projector, camera, settings)
     if delays is not None and len(delays) != len(settings):
         raise InputError(f"delays: expected {len(settings)}, one per exposure, got {len(delays)}")
     with writing_exposures(folder, settings, resume=resume, force=force) as writer:
@@ -88,6 +90,21 @@ def capture_hdr(
                 progress=_numbered(progress, number, len(settings)),
             )
     return Path(folder)
+
+
+def _series(projector: Projector, camera: Camera, count: int) -> Sequence[CameraSettings]:
+    """Exposures of whole refresh periods, or shorter ones where these are too bright."""
+    if count == 1 or projector.refresh_s is None:
+        return exposure_series(projector, camera, count)
+    try:
+        return exposure_series(projector, camera, count)
+    except TooBright as error:
+        for allowed in shorter_ranges(projector, camera):
+            try:
+                return series_in(projector, camera, allowed, count)
+            except TooBright:
+                continue
+        raise error
 
 
 def _numbered(progress: Progress, number: int, count: int) -> Progress:

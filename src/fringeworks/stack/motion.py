@@ -66,6 +66,14 @@ class Motion(Frozen):
         return np.asarray(moved)
 
 
+def moment_of(first: int, frames: int) -> int:
+    """Return the frame at whose time a moment is: the middle one, or the later of two.
+
+    Between frames, vibrations that look alike in all frames are at different places.
+    """
+    return first + frames // 2
+
+
 def phase_sets(plan: PatternPlan) -> list[tuple[int, PhaseSteps]]:
     """The sets of steps of a plan, each with the index of its first frame."""
     return [(k, block) for k, block in plan.placed if isinstance(block, PhaseSteps)]

@@ -13,6 +13,7 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import PatternPlan, PhaseSteps, step_design
 from fringeworks.stack.frames import Planes
 from fringeworks.stack.motion import Motion, fit_moving, moved_back, phase_sets
+from fringeworks.stack.motion_ripple import STEPS_SHARE, ripple_weights, ripples
 from fringeworks.types import Axis, FloatMap
 from fringeworks.types.packages import cv2
 
@@ -33,6 +34,8 @@ LIT_SWING = 0.15
 a third of the modulation that decoding judges by."""
 SHAPES = 2
 """Terms of the motion within a set: velocity and curvature."""
+RIPPLES = 1000
+"""Number from which on kinds of observations are ripples: plans have fewer sets."""
 FRAME_ERROR_RAD = 0.002
 """Standard deviation of the velocity and curvature that light which flickers by 0.3 % from frame to
 frame makes, rad."""
@@ -86,7 +89,9 @@ def evidence_of(
     The phases of every set tell how far surfaces move from one cycle to the next. Within a set of
     four steps or more, a phase that turns otherwise than by the known motion leaves residuals:
     their regression on those of small turns is the velocity and curvature that is missing. It
-    belongs to the frames of the set, and tells motion that all cycles repeat.
+    belongs to the frames of the set, and tells motion that all cycles repeat. The ripple of the
+    phases of the finest set tells a part that residuals do not: of four steps, motion to and fro
+    from frame to frame.
     """
     found: dict[Axis, list[Evidence]] = {}
     lit = lit_by(one, plan)
@@ -94,6 +99,7 @@ def evidence_of(
         steady = lit_medians(at_pixels[axis], lit)
         off = motion.velocity_px[axis] - at_pixels[axis] + whole(steady, lit.shape)
         found[axis] = []
+        finest = min(block.period_px for _, block in plan.phase_sets(axis))
         for number, (first, block) in enumerate(phase_sets(plan)):
             if block.axis == axis:
                 seen = _Set(number, first, block, plan.frames, noise**2)
@@ -101,6 +107,8 @@ def evidence_of(
                     seen.fit(frames, cycle, motion) for cycle, frames in enumerate((one, other))
                 ]
                 found[axis] += [e for fit in fits for e in fit.evidence(steady)]
+                if block.period_px == finest:
+                    found[axis] += [e for fit in fits for e in fit.ripple(steady)]
                 found[axis].append(seen.travelled(fits[0].wave, fits[1].wave, off, steady))
     return found
 
@@ -113,6 +121,9 @@ class _Fit:
     """Modulation and phase, c + i s, counts."""
     missing: list[FloatMap]
     variances: list[FloatMap]
+    samples: list[FloatMap]
+    turned_rad: list[FloatMap]
+    """Angles by which the phase turns by the known motion."""
     frames: range
     block: PhaseSteps
     name: tuple[int, int]
@@ -128,6 +139,32 @@ class _Fit:
             seen = self.missing[term] + (steady if term == 0 else 0.0)
             unit, name = self.block.period_px / TURN, (SHAPES * number + term, cycle)
             found.append(Evidence(placed, seen, self.variances[term], unit, name))
+        return found
+
+    def ripple(self, steady: FloatMap) -> list[Evidence]:
+        """What the ripple of its phases tells; nothing of three steps, whose ripple comes from
+        light that flickers as well."""
+        if self.block.frames < 4:
+            return []
+        unit = self.block.period_px / TURN
+        times = _shapes(self.block.frames)
+        steps = [whole(one, self.wave.shape) / np.float32(unit) for one in self.missing]
+        turned = [
+            known + _weighed(part, steps)
+            for known, part in zip(self.turned_rad, times.T, strict=True)
+        ]
+        _, c, s, _ = fit_moving(self.samples, self.block.shifts_rad, turned)
+        left, variance = ripples(c + np.complex64(1j) * s, self.block.shifts_rad, BLOCK)
+        variance = unit**2 * (variance + np.float32(FRAME_ERROR_RAD**2))
+        moves = [self.missing[0] + steady, self.missing[1]]
+        found = []
+        for row, (weights, one) in enumerate(
+            zip(ripple_weights(self.block.shifts_rad), left, strict=True)
+        ):
+            placed = {k: float(w) for k, w in zip(self.frames, weights, strict=True)}
+            seen = unit * one + _weighed(times @ weights, moves)
+            name = (RIPPLES + SHAPES * self.name[0] + row, self.name[1])
+            found.append(Evidence(placed, seen, variance, STEPS_SHARE * unit, name))
         return found
 
 
@@ -154,7 +191,8 @@ class _Set:
         turned = [(motion.moved_px(block.axis, t) - there) * per_px for t in times]
         wave, missing, variances = missing_turns(samples, block, turned, self.noise)
         placed = range(cycle * self.cycle + self.first, cycle * self.cycle + part.stop)
-        return _Fit(wave, missing, variances, placed, block, (self.number, cycle))
+        name = self.number, cycle
+        return _Fit(wave, missing, variances, samples, turned, placed, block, name)
 
     def travelled(
         self,

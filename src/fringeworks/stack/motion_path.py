@@ -25,7 +25,7 @@ SIZES_PX = (0.02, 0.06, 0.2, 0.6, 2.0, 6.0)
 """Standard deviations of the motion beside a straight one that are tried, projector px."""
 STAYS_CYCLES = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Times after which the velocity is another one that are tried, cycles of the plan."""
-SHORTEST_FRAMES = 1.2
+SHORTEST_FRAMES = 1.1
 """Shortest period of a vibration that is tried, frames: faster ones are averaged out within an
 exposure and the frames of a set."""
 LONGEST_CYCLES = 8.0
@@ -54,6 +54,15 @@ LIKELY = 0.5
 """Probability of vibrations of any period from which on those that look alike count."""
 ALIKE = 6.0
 """Difference of χ² up to which vibrations look alike: the 95 % quantile for two unknowns."""
+ALIKE_MARGIN = 1.25
+"""Factor on the distance of vibrations that look alike: the place may be at the farthest one, where
+the noise of the coordinates must fit into two standard deviations as well."""
+MOST_AVERAGED = 1.0
+"""Largest standard deviation of a vibration by what an exposure averages out, over its size in the
+frames: that of a period of 1.6 frames in exposures as long as a frame."""
+LEAST_AVERAGED = 0.01
+"""Smallest such share that counts: that of a period of 9 frames. Slower vibrations move as the
+frames show."""
 WITHIN = 0.95
 """Share of what the hypotheses say that two standard deviations contain."""
 JITTER = 1e-9
@@ -118,6 +127,15 @@ class _Kind:
     """Period of a vibration, frames; 0 for none."""
     stays: float = 0.0
     """Time after which the velocity is another one, frames; 0 for a vibration."""
+
+    @property
+    def averaged(self) -> float:
+        """Standard deviation by what an exposure of unknown length averages out of a vibration,
+        over its size in the frames: half of what an exposure as long as a frame does."""
+        if not self.period:
+            return 0.0
+        left = abs(float(np.sinc(1.0 / self.period)))
+        return min(0.5 * (1.0 / max(left, JITTER) - 1.0), MOST_AVERAGED)
 
     def kernel(self, apart: NDArray[np.float64], cycle: int) -> NDArray[np.float64]:
         """Correlation of places at distances in time, frames."""
@@ -271,9 +289,11 @@ class MotionPath:
         -----
         Two standard deviations contain 95 % of what the hypotheses together say, and every
         vibration that looks alike in the frames: how likely one of them is depends on what was
-        assumed beforehand.
+        assumed beforehand. A vibration is smaller in the frames than at a moment, by what their
+        exposure averages out. How long that is, is not known; this is contained as well.
         """
         mean, places, variances = np.zeros((len(rows), self._seen.shape[1])), [], []
+        averaged = np.zeros((unsure, self._seen.shape[1]))
         total = np.sum([one.weight for one in self._kept], axis=0)
         for one in self._kept:
             to_seen = rows @ self._covariance(one.kind, times, self._times) @ self._found.weights.T
@@ -284,9 +304,20 @@ class MotionPath:
             told = (to_seen[-unsure:] @ one.basis) ** 2 @ one.spread
             places.append(place[-unsure:])
             variances.append(np.maximum(own[:, None] - told, 0.0))
+            if one.kind.averaged >= LEAST_AVERAGED:
+                averaged += one.weight * self._averaged(one, last, times)
         mean /= total
         sigma = self._deviations(np.stack(places) - mean[-unsure:], np.stack(variances), total)
+        sigma = np.sqrt(sigma**2 + averaged / total)
         return mean.reshape(-1, *self._shape), sigma.reshape(-1, *self._shape)
+
+    def _averaged(
+        self, one: _Hypothesis, rows: NDArray[np.float64], times: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Variance of sums of places by what exposures average out of a vibration, (q, blocks)."""
+        kernel = one.kind.kernel(times[:, None] - self._times[None, :], self._cycle)
+        place = one.kind.size_px**2 * (rows @ kernel @ self._found.weights.T) @ one.solved
+        return np.asarray((one.kind.averaged * place) ** 2)
 
     def _deviations(
         self, off: NDArray[np.float64], variance: NDArray[np.float64], total: NDArray[np.float64]
@@ -298,7 +329,7 @@ class MotionPath:
         second = np.sum(weight * square, axis=0)
         far = _quantile(np.sqrt(square), weight)
         alike = np.stack([one.alike for one in self._kept])[:, None]
-        reach = np.abs(off) + 2.0 * np.sqrt(variance)
+        reach = ALIKE_MARGIN * np.abs(off) + 2.0 * np.sqrt(variance)
         far = np.maximum(far, np.max(np.where(alike, reach, 0.0), axis=0))
         return np.asarray(np.maximum(np.sqrt(second), 0.5 * far))
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.frames import Planes
-from fringeworks.stack.motion import Motion, warped
+from fringeworks.stack.motion import Motion, moment_of, warped
 from fringeworks.stack.motion_evidence import (
     Evidence,
     evidence_of,
@@ -76,7 +76,7 @@ class MotionTrack:
             self._paths[axis] = MotionPath(observed(pairs, plan.frames), plan.frames, fastest)
 
     def at(self, start: int, order: Sequence[int]) -> Motion:
-        """Return the motion at the middle of as many frames as the plan's from ``start`` on.
+        """Return the motion at the moment of as many frames as the plan's from ``start`` on.
 
         Parameters
         ----------
@@ -90,12 +90,12 @@ class MotionTrack:
         The velocity of every pixel is that of the nearest pair. How it changes, and by how much
         that is not sure, is known for blocks of the image; see ``MotionPath``.
         """
+        middle = moment_of(start, self._plan.frames)
         first = self.pairs - len(self._motions)
-        place = start / self._plan.frames - 0.5 - first
+        place = (middle + 0.5) / self._plan.frames - 1.0 - first
         nearest = int(np.clip(np.rint(place), 0, len(self._motions) - 1))
         motion = _moved(self._motions[nearest], (place - nearest) * self._plan.frames)
         shape = next(iter(motion.velocity_px.values())).shape
-        middle = start + 0.5 * (self._plan.frames - 1)
         velocity: dict[Axis, FloatMap] = {}
         path: dict[Axis, dict[float, FloatMap]] = {}
         sigma: dict[Axis, FloatMap] = {}

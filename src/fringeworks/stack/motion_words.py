@@ -18,6 +18,8 @@ SAME_PERIOD = 0.2
 """Relative difference of periods up to which they are one: a few cycles do not tell them apart."""
 CYCLES_PER_PERIOD = 4
 """Cycles of the plan per period of a vibration that follow it surely."""
+FASTER = 2
+"""Factor on the frame rate that is advised where motion is slow: it halves the way in a cycle."""
 
 
 def unsteady(
@@ -53,13 +55,18 @@ def unsteady(
     figures = {"share": share, "sigma_px": sigma}
     if not periods:
         cause = f"motion that starts, stops or turns within a cycle of {cycle} frames"
-        rate = CYCLES_PER_PERIOD
+        rate, aim = CYCLES_PER_PERIOD, "so that a change of the motion takes several cycles"
+    elif min(periods) >= CYCLES_PER_PERIOD * cycle:
+        # The cycles follow so slow a vibration; what they do not tell comes from edges and paint.
+        cause = "a velocity that changes slowly, or edges and paint that move across the image"
+        rate, aim = FASTER, "so that the scene moves less from one cycle to the next"
     else:
         # A period that is likelier than others may be one of several that look alike.
         named = " or ".join(number(period, digits=2) for period in periods)
         alike = ", which look alike at this frame rate" if len(periods) > 1 else ""
         cause = f"a vibration with a period of {named} frames{alike}"
         rate = int(np.ceil(CYCLES_PER_PERIOD * cycle / min(periods)))
+        aim = f"so that a period of the vibration takes {CYCLES_PER_PERIOD} cycles"
         figures["period_frames"] = periods[0]
     figures["rate_factor"] = float(rate)
     return Finding(
@@ -67,7 +74,7 @@ def unsteady(
         f"the frames do not tell how {percent(share)} of the measured pixels move along "
         f"{found.axis}; their standard deviations contain {sigma_text(sigma, 'px')} for it",
         (cause,),
-        f"take {rate} times as many frames per second, or a plan of fewer frames",
+        f"take {rate} times as many frames per second, or a plan of fewer frames, {aim}",
         axis=found.axis,
         figures=figures,
     )

@@ -12,6 +12,7 @@ from fringeworks.stack.motion import Motion, warped
 from fringeworks.stack.set_residuals import phase_variance
 from fringeworks.statistics.chi_square import chi_square_quantile
 from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap, Reason
+from fringeworks.types.packages import cv2
 
 SAME_PERIODS = 0.25
 """Distance from the expected coordinate, in periods of the finest fringes, up to which it is the
@@ -28,6 +29,8 @@ give no support."""
 SURFACE_PERIODS = 0.5
 """Difference of the coordinates in the window, in periods of the finest fringes, up to which they
 belong to one surface."""
+STEP_SHARE = 0.15
+"""Share of the sure pixels of the window beyond which another surface is beside a pixel."""
 RAISED = 3.0
 """Factor on the variance of a region, over the usual one, from which on its pixels need
 neighbours on their surface even where nothing else speaks against them. In simulations wrong orders
@@ -44,7 +47,11 @@ def expected_later(coordinate_px: FloatMap, motion: Motion, axis: Axis, frames: 
 
 
 def track_orders(
-    results: dict[str, Any], decoding: Decoding, noise: CameraNoise, expected: FloatMap | None
+    results: dict[str, Any],
+    decoding: Decoding,
+    noise: CameraNoise,
+    expected: FloatMap | None,
+    flow_px: FloatMap | None = None,
 ) -> None:
     """Check fringe orders against those expected, and decide orders that were ambiguous.
 
@@ -55,19 +62,24 @@ def track_orders(
     noise : CameraNoise
     expected : (h, w) array, optional
         Coordinates that are expected, projector px; NaN where none is. None for the first ones.
+    flow_px : (h, w, 2) array, optional
+        Motion across the image, camera px per frame; None where nothing moves across it.
 
     Notes
     -----
     A coordinate of the expected order is kept. One of another order is kept where enough neighbours
     of right orders lie on its surface: it belongs to a part of the scene that has come into view.
     An order that the plan alone leaves ambiguous is that of the expected coordinate, where all sets
-    agree with it.
+    agree with it. Where a depth step moves across the image, the bits of a Gray code and the
+    fringes of a pixel may be those of two surfaces: pixels beside it have no order.
     """
     coordinate, sigma, reason = (results[name] for name in ("coordinate", "sigma", "reason"))
     finest = min(phases.period_px for phases in decoding.sets)
     lit = reason == Reason.OK
     usual = np.median(results["inflation"][lit]) if lit.any() else 1.0
     raised = results["inflation"] > RAISED * usual
+    torn = raised | _near_motion(flow_px, lit)
+    clear = ~raised
     doubtful = raised
     if expected is not None:
         known = ~np.isnan(expected)
@@ -78,9 +90,22 @@ def track_orders(
         same |= ambiguous
         raised, doubtful = raised & ~same, (raised | known) & ~same
     measured = reason == Reason.OK
-    alone = _alone(coordinate, measured & doubtful, measured & ~raised, SURFACE_PERIODS * finest)
+    reach = SURFACE_PERIODS * finest
+    alone = _alone(coordinate, measured & doubtful, measured & ~raised, reach)
+    if decoding.gray is not None:
+        torn = _beside_steps(coordinate, measured & torn & ~alone, measured & clear, reach)
+        coordinate[torn] = sigma[torn] = np.nan
+        reason[torn] = Reason.ORDER_AMBIGUOUS
     coordinate[alone] = sigma[alone] = np.nan
     reason[alone] = Reason.ISOLATED
+
+
+def _near_motion(flow_px: FloatMap | None, like: BoolMap) -> BoolMap:
+    """Mark pixels with motion across the image in the window around them."""
+    if flow_px is None:
+        return np.zeros_like(like)
+    moving = flow_px.any(axis=-1).astype(np.uint8)
+    return cv2.dilate(moving, np.ones((SUPPORT_WINDOW, SUPPORT_WINDOW), np.uint8)) > 0
 
 
 def _decide(
@@ -119,6 +144,25 @@ def _decide(
 
 def _alone(coordinate: FloatMap, doubtful: BoolMap, sure: BoolMap, reach_px: float) -> BoolMap:
     """Mark doubtful pixels that are on the surface of too few sure pixels around them."""
+    near, count = _around(coordinate, doubtful, sure, reach_px)
+    marked = np.zeros_like(doubtful)
+    marked[doubtful] = near < SUPPORT_SHARE * np.maximum(count, MIN_SURE)
+    return marked
+
+
+def _beside_steps(coordinate: FloatMap, doubtful: BoolMap, sure: BoolMap, far_px: float) -> BoolMap:
+    """Mark doubtful pixels with sure ones around them that are farther than a distance."""
+    near, count = _around(coordinate, doubtful, sure, far_px)
+    marked = np.zeros_like(doubtful)
+    marked[doubtful] = count - near > STEP_SHARE * np.maximum(count, MIN_SURE)
+    return marked
+
+
+def _around(
+    coordinate: FloatMap, doubtful: BoolMap, sure: BoolMap, reach_px: float
+) -> tuple[FloatMap, FloatMap]:
+    """Number of sure pixels in the window of each doubtful one that are nearer than a distance, and
+    of all sure ones there."""
     rows, columns = np.nonzero(doubtful)
     half = SUPPORT_WINDOW // 2
     own = coordinate[rows, columns]
@@ -130,6 +174,4 @@ def _alone(coordinate: FloatMap, doubtful: BoolMap, sure: BoolMap, reach_px: flo
             count += ~np.isnan(off)
             with np.errstate(invalid="ignore"):
                 near += off < reach_px
-    marked = np.zeros_like(doubtful)
-    marked[rows, columns] = near < SUPPORT_SHARE * np.maximum(count, MIN_SURE)
-    return marked
+    return near, count

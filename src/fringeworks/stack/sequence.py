@@ -24,7 +24,7 @@ from fringeworks.stack.examine import Judgement, examine
 from fringeworks.stack.frames import Planes, check_frame, refuse_constant, step_of
 from fringeworks.stack.gray_light import plan_with_light, with_light
 from fringeworks.stack.kernel_settings import Limits, empty_maps
-from fringeworks.stack.motion import Motion, taken_out
+from fringeworks.stack.motion import Motion, moment_of, taken_out
 from fringeworks.stack.motion_search import motion_between
 from fringeworks.stack.motion_track import MotionTrack
 from fringeworks.stack.motion_words import unsteady
@@ -64,7 +64,8 @@ class Moment(Frozen):
     motion: Motion
     """How the scene moves at this moment; velocities are NaN where nothing was measured."""
     time_frames: float
-    """The moment, in frames from the first one of the sequence: the middle of its frames."""
+    """The moment, in frames from the first one of the sequence: the time of the middle one of its
+    frames, or of the later of two."""
     first_frame: int
     """Index in the sequence of the first of its frames, which are as many as the plan's."""
 
@@ -131,7 +132,7 @@ def decode_sequence(
     >>> plan = PatternPlan(64, 40, (PhaseSteps("x", 64.0, equal_steps(4)),))
     >>> moments = list(decode_sequence([*encode(plan), *encode(plan)], plan))
     >>> [moment.time_frames for moment in moments]
-    [1.5, 2.5, 3.5, 4.5, 5.5]
+    [2.0, 3.0, 4.0, 5.0, 6.0]
     """
     decoder = SequenceDecoder(plan, **options)
     for frame in frames:
@@ -316,14 +317,14 @@ class SequenceDecoder:
             findings=(*judged.findings, *self._unsteady(maps, motion)),
             details=judged.details,
         )
-        middle = start + 0.5 * (self._plan.frames - 1)
-        return Moment(decoded, replace(motion, velocity_px=velocity), middle, start)
+        time = float(moment_of(start, self._plan.frames))
+        return Moment(decoded, replace(motion, velocity_px=velocity), time, start)
 
     def _still(self, start: int) -> _Still:
         """The frames of a moment without their motion; kept until its map is made."""
         if start not in self._ready:
-            middle = start + 0.5 * (self._plan.frames - 1)
-            order = self._nearest(middle)
+            middle = moment_of(start, self._plan.frames)
+            order = self._nearest(start + 0.5 * (self._plan.frames - 1))
             motion = self._track.at(start, order)
             planes = [self._frames[k - self._base] for k in order]
             times = [k - middle for k in order]
@@ -457,7 +458,7 @@ class SequenceDecoder:
         if axis in self._tracked:
             before, coordinate = self._tracked[axis]
             expected = expected_later(coordinate, motion, axis, self._next - before)
-        track_orders(results, decoding, judged.noise, expected)
+        track_orders(results, decoding, judged.noise, expected, motion.flow_px)
         compare_neighbours(found, results, typical_px=typical_step(found, results))
         if axis in motion.path_sigma_px:
             # The coordinate is moved from the times of its sets to the moment.

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.scan.exposure import TooBright, TooDark, auto_exposure, exposure_in
 from fringeworks.scan.exposure_proof import ExposureProof, exposure_obeys
-from fringeworks.scan.exposure_range import LONGEST_MS, ExposureRange, exposure_range
+from fringeworks.scan.exposure_range import shorter_ranges
 from fringeworks.types import CameraSettings, DeviceProblem, Finding, Frozen, InputError
 from fringeworks.types.numbers import number
 
-PARTS_OF_REFRESH = (2, 3, 4)
-"""Parts of a refresh period in which colour wheels turn once and backlights pulse once: at 60 Hz,
-wheels of 120, 180 and 240 Hz."""
 SELF_WILLED = ("ignored", "automatic")
 """Verdicts of cameras that keep an exposure of their own, so that none can be chosen."""
 
@@ -96,7 +92,7 @@ def _chosen(projector: Projector, camera: Camera) -> tuple[CameraSettings, TooBr
         return auto_exposure(projector, camera), None
     except TooBright as error:
         shortest = camera.configure(CameraSettings())
-        for allowed in _shorter(projector, camera):
+        for allowed in shorter_ranges(projector, camera):
             try:
                 return exposure_in(projector, camera, allowed), error
             except TooBright:
@@ -105,16 +101,6 @@ def _chosen(projector: Projector, camera: Camera) -> tuple[CameraSettings, TooBr
                 break  # the light changes from frame to frame
         camera.configure(CameraSettings(shortest.exposure_ms, shortest.gain_db))
         raise error
-
-
-def _shorter(projector: Projector, camera: Camera) -> Iterator[ExposureRange]:
-    """Ranges of exposures that are shorter than a refresh period, the safest first."""
-    anything = exposure_range(projector, camera, longest_ms=LONGEST_MS, whole_periods=False)
-    for part in PARTS_OF_REFRESH:
-        period_ms = 1e3 * (projector.refresh_s or 0.0) / part
-        if anything.shortest_ms <= period_ms <= anything.longest_ms:
-            yield replace(anything, shortest_ms=period_ms, period_ms=period_ms)
-    yield anything
 
 
 def _proof(projector: Projector, camera: Camera) -> tuple[ExposureProof | None, str]:

@@ -28,6 +28,7 @@ from fringeworks.stack.fits import (
 )
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.sample import Sample
+from fringeworks.stack.stretch_noise import LOCAL_SHARE, squares_of_stretches
 from fringeworks.statistics.chi_square import residual_variance
 from fringeworks.statistics.groups import equal_groups
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN, quantile
@@ -74,6 +75,14 @@ Beyond three, 0.1 % of Gaussian noise is cut off, which lowers its variance by 0
 
 ROUGH_STRIDE = 4
 """Every so many pixels give the rough noise that ``CLIPPED_SIGMAS`` needs; a quarter suffices."""
+
+WHOLE_CONTRAST = 0.9
+"""Share of a pixel's largest difference of a bit and its inverse, from which on both add up to the
+light of white and black.
+
+A projector that resamples the pattern before its γ shows fine stripes too dark: with γ = 2.2, a bit
+of 0.9 of the contrast and its inverse lack a tenth of their sum, one of 0.5 lacks four tenths.
+"""
 
 EXPOSURE_PASSES = 2
 """Number of estimates of the exposures: the first one takes the light from uneven sums."""
@@ -197,7 +206,7 @@ def measure_noise(
     for decoding in decodings.values():
         noise = _residual_noise(decoding, sample, limits, margin)
         if noise is not None:
-            return noise, "the residuals of the fits"
+            return _local(noise, decoding, sample, limits, margin), "the residuals of the fits"
     for decoding in decodings.values():
         noise = _pair_noise(decoding, sample, limits)
         if noise is not None:
@@ -235,11 +244,21 @@ def _pair_noise(decoding: Decoding, sample: Sample, limits: Limits) -> CameraNoi
         return None
     bits, inverse = bits[:, known], inverse[:, known]
     lit = _lit(np.asarray((bits + inverse).mean(axis=0)))
-    data = _of_one_exposure(bits[:, lit], inverse[:, lit])
-    mean = data.mean(axis=0)
-    square = np.sum((data - mean) ** 2, axis=0) / 2.0
-    sums = data
-    return noise_of_residuals(mean / 2.0, square, len(sums) - 1, QUANTISATION_VARIANCE**0.5)
+    bits, inverse = bits[:, lit], inverse[:, lit]
+    sums = _of_one_exposure(bits, inverse)
+    # Of stripes that the projector's scaler or γ makes darker, a bit and its inverse add up to less.
+    contrast = np.abs(bits - inverse)
+    whole = contrast > WHOLE_CONTRAST * contrast.max(axis=0)
+    count = whole.sum(axis=0)
+    pixels = np.bincount(count)
+    if pixels[2:].max(initial=0) < MIN_JUDGED_PIXELS:
+        return None
+    # Pixels of one number of pairs, so that their sums follow one distribution.
+    pairs = int(np.argmax((pixels * (np.arange(pixels.size) - 1))[2:])) + 2
+    sums, whole = sums[:, count == pairs], whole[:, count == pairs]
+    mean = np.sum(sums * whole, axis=0) / pairs
+    square = np.sum((sums - mean) ** 2 * whole, axis=0) / 2.0
+    return noise_of_residuals(mean / 2.0, square, pairs - 1, QUANTISATION_VARIANCE**0.5)
 
 
 def _of_one_exposure(bits: FloatMap, inverse: FloatMap) -> FloatMap:
@@ -309,6 +328,34 @@ def _residual_noise(
     return noise_of_residuals(
         background[chosen], square[chosen], chosen_freedom, QUANTISATION_VARIANCE**0.5
     )
+
+
+def _local(
+    noise: CameraNoise, decoding: Decoding, sample: Sample, limits: Limits, margin: float
+) -> CameraNoise:
+    """The noise; that of short stretches where it is far smaller, as where a part of the scene
+    shows the harmonics of the fringes weaker than another one."""
+    pixels, fits = _finite_fits(decoding, sample)
+    lit = np.zeros(sample.points[0].size, bool)
+    lit[pixels[_lit(_brightness(fits, decoding), _unsaturated(fits, limits))]] = True
+    found = []
+    for phases in decoding.sets:
+        if len(phases.frames) > 3:
+            fit = sample.fits.of(phases)
+            used = lit & (fit.largest < limits.saturation)
+            if _at_limits(fit.at(np.flatnonzero(used)), limits) if used.any() else False:
+                used &= _inside(fit.fitted, phases.rows, limits, margin).all(axis=0)
+            planes = sample.fits.planes(phases)
+            at, square = squares_of_stretches(planes, fit.fitted, phases.rows, used)
+            found.append((len(phases.frames) - 3, fit.fitted[0, at], square))
+    freedom = max(f for f, _, _ in found)
+    brightness = np.concatenate([b for f, b, _ in found if f == freedom])
+    square = np.concatenate([s for f, _, s in found if f == freedom])
+    if square.size < MIN_JUDGED_PIXELS:
+        return noise
+    local = noise_of_residuals(brightness, square, freedom, QUANTISATION_VARIANCE**0.5)
+    middle = float(np.median(brightness))
+    return local if local.variance(middle) < LOCAL_SHARE * noise.variance(middle) else noise
 
 
 def _unsaturated(fits: list[SampleFit], limits: Limits) -> BoolMap:

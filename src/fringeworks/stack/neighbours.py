@@ -12,7 +12,7 @@ from fringeworks.stack.kernel_settings import Decoding, lit_pixels
 from fringeworks.statistics.chi_square import chi_square_quantile
 from fringeworks.types import FloatMap, Reason
 
-WORTH_VOTING = 0.1
+WORTH_VOTING = 0.02
 """Share of the lit pixels with an ambiguous order from which on neighbours vote. Edges and light of
 other surfaces leave up to 5 % of simulated scenes ambiguous: there, doubt is right, and a vote of
 neighbours would hide it. Noise that takes the margin of a plan leaves far more."""

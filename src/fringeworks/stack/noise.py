@@ -343,7 +343,7 @@ def _local(
         if len(phases.frames) > 3:
             fit = sample.fits.of(phases)
             used = lit & (fit.largest < limits.saturation)
-            if _at_limits(fit.at(np.flatnonzero(used)), limits) if used.any() else False:
+            if used.any() and _at_limits(fit.at(np.flatnonzero(used)), limits):
                 used &= _inside(fit.fitted, phases.rows, limits, margin).all(axis=0)
             planes = sample.fits.planes(phases)
             at, square = squares_of_stretches(planes, fit.fitted, phases.rows, used)

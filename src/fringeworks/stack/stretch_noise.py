@@ -18,7 +18,11 @@ from fringeworks.stack.frames import STRETCH
 from fringeworks.types import BoolMap, FloatMap
 
 MIN_STRETCH_PIXELS = STRETCH // 2
-"""Smallest number of usable pixels of a stretch: over three for each of the nine shares."""
+"""Smallest number of usable pixels of a stretch: five for each of the six shares."""
+
+MOST_ALIKE = 0.5
+"""Largest length of the mean of exp(2 i φ) over a stretch, in which harmonics do not look like light
+that is added to a frame: half a turn or more of the phase. An empirical choice."""
 
 LOCAL_SHARE = 0.5
 """Variance that shares of their own leave of the stretches, over that with shares of the whole
@@ -32,7 +36,9 @@ and a projector out of focus at parts of the scene gave 0.03 to 0.4, those witho
 def squares_of_stretches(
     planes: Sequence[NDArray[Any]], fitted: FloatMap, rows: DesignRows, used: BoolMap
 ) -> tuple[NDArray[np.intp], FloatMap]:
-    """Sums of squared residuals with shares of the fringes and their harmonics in every stretch.
+    """Sums of squared residuals with shares of the harmonics of their own in every stretch.
+
+    Frames of other light than the plan's stay in the residuals: they move the phases as well.
 
     Parameters
     ----------
@@ -50,21 +56,31 @@ def squares_of_stretches(
     square : (m,) array, counts²
         For N − 3 degrees of freedom each, as the shares take the same part of all.
     """
-    whole = fitted.shape[1] // STRETCH
-    inside = used[: whole * STRETCH].reshape(whole, STRETCH)
-    enough = np.flatnonzero(inside.sum(axis=1) >= MIN_STRETCH_PIXELS)
-    pixels = (enough[:, None] * STRETCH + np.arange(STRETCH)).reshape(-1)
-    inside = inside[enough]
+    inside, pixels = _stretches(fitted, used)
+    if pixels.size == 0:
+        return pixels, np.empty(0)
     design, _ = fit_matrices(rows)
     across = np.linalg.qr(design, mode="complete")[0][:, 3:]
+    kept = inside.reshape(-1)
     data = np.stack([plane[0, pixels].astype(np.float64) for plane in planes])
-    left = (across.T @ data).reshape(-1, *inside.shape) * inside
-    near = fitted[:, pixels]
-    parts = np.concatenate((near, harmonic_parts(near))).reshape(-1, *inside.shape) * inside
+    left = (across.T @ np.where(kept, data, 0.0)).reshape(-1, *inside.shape)
+    parts = harmonic_parts(np.where(kept, fitted[:, pixels], 0.0)).reshape(-1, *inside.shape)
     basis = np.linalg.qr(np.moveaxis(parts, 0, 2))[0]
     shares = np.einsum("mlk,jml->jmk", basis, left)
-    left = left - np.einsum("mlk,jmk->jml", basis, shares) * inside
+    left = left - np.einsum("mlk,jmk->jml", basis, shares)
     count = inside.sum(axis=1, keepdims=True)
     square = np.sum(left**2, axis=0) * (count / (count - len(parts)))
-    kept = inside.reshape(-1)
     return pixels[kept], np.asarray(square.reshape(-1)[kept])
+
+
+def _stretches(fitted: FloatMap, used: BoolMap) -> tuple[BoolMap, NDArray[np.intp]]:
+    """Stretches with enough pixels over enough of a turn: which pixels of each take part, (m,
+    STRETCH), and the indices of all."""
+    whole = used.size // STRETCH  # a rest of a stretch is left
+    inside = used[: whole * STRETCH].reshape(whole, STRETCH)
+    turns = np.where(used, np.exp(2j * np.arctan2(fitted[2], fitted[1])), 0.0)
+    alike = np.abs(turns[: whole * STRETCH].reshape(whole, STRETCH).sum(axis=1))
+    count = inside.sum(axis=1)
+    enough = np.flatnonzero((count >= MIN_STRETCH_PIXELS) & (alike < MOST_ALIKE * count))
+    pixels = (enough[:, None] * STRETCH + np.arange(STRETCH)).reshape(-1)
+    return np.asarray(inside[enough]), pixels

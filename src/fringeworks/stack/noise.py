@@ -28,7 +28,7 @@ from fringeworks.stack.fits import (
 )
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.sample import Sample
-from fringeworks.stack.stretch_noise import LOCAL_SHARE, squares_of_stretches
+from fringeworks.stack.stretch_noise import LOCAL_SHARE, squares_of_pieces
 from fringeworks.statistics.chi_square import residual_variance
 from fringeworks.statistics.groups import equal_groups
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN, quantile
@@ -245,10 +245,10 @@ def _pair_noise(decoding: Decoding, sample: Sample, limits: Limits) -> CameraNoi
     bits, inverse = bits[:, known], inverse[:, known]
     lit = _lit(np.asarray((bits + inverse).mean(axis=0)))
     bits, inverse = bits[:, lit], inverse[:, lit]
-    sums = _of_one_exposure(bits, inverse)
     # Of stripes that the projector's scaler or γ makes darker, a bit and its inverse add up to less.
     contrast = np.abs(bits - inverse)
     whole = contrast > WHOLE_CONTRAST * contrast.max(axis=0)
+    sums = _of_one_exposure(bits, inverse, whole)
     count = whole.sum(axis=0)
     pixels = np.bincount(count)
     if pixels[2:].max(initial=0) < MIN_JUDGED_PIXELS:
@@ -261,21 +261,24 @@ def _pair_noise(decoding: Decoding, sample: Sample, limits: Limits) -> CameraNoi
     return noise_of_residuals(mean / 2.0, square, pairs - 1, QUANTISATION_VARIANCE**0.5)
 
 
-def _of_one_exposure(bits: FloatMap, inverse: FloatMap) -> FloatMap:
+def _of_one_exposure(bits: FloatMap, inverse: FloatMap, whole: BoolMap) -> FloatMap:
     """Sums of bits and their inverse, (pairs, n), as if all frames had one exposure.
 
     A bit and its inverse add up to the light S of the white and the black frame. Where the exposure
     or the lamp changes from frame to frame, to gains e and e', their sum is
     ½ (e + e') S + ½ (e − e') D', with the difference D' that both would have. Least squares over
-    all pixels gives both factors, also where bits are blurred.
+    the pixels of which a pair is ``whole`` gives both factors.
     """
     sums = bits + inverse
     even = sums
     for _ in range(EXPOSURE_PASSES):
-        light, last = even.mean(axis=0), np.empty_like(sums)
+        light = np.mean(even, axis=0, where=whole)
+        last = sums.copy()
         for k, difference in enumerate(bits - inverse):
-            design = np.stack((light, difference))
-            share, tilt = np.linalg.solve(design @ design.T, design @ sums[k])
+            if np.count_nonzero(whole[k]) < MIN_JUDGED_PIXELS:
+                continue
+            design = np.stack((light, difference))[:, whole[k]]
+            share, tilt = np.linalg.lstsq(design.T, sums[k, whole[k]], rcond=None)[0]
             last[k] = (sums[k] - tilt * difference) / share
         even = last
     return even
@@ -346,7 +349,7 @@ def _local(
             if used.any() and _at_limits(fit.at(np.flatnonzero(used)), limits):
                 used &= _inside(fit.fitted, phases.rows, limits, margin).all(axis=0)
             planes = sample.fits.planes(phases)
-            at, square = squares_of_stretches(planes, fit.fitted, phases.rows, used)
+            at, square = squares_of_pieces(planes, fit.fitted, phases.rows, used)
             found.append((len(phases.frames) - 3, fit.fitted[0, at], square))
     freedom = max(f for f, _, _ in found)
     brightness = np.concatenate([b for f, b, _ in found if f == freedom])

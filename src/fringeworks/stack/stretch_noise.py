@@ -17,26 +17,29 @@ from fringeworks.stack.fits import DesignRows, fit_matrices, harmonic_parts
 from fringeworks.stack.frames import STRETCH
 from fringeworks.types import BoolMap, FloatMap
 
-MIN_STRETCH_PIXELS = STRETCH // 2
-"""Smallest number of usable pixels of a stretch: five for each of the six shares."""
+PIECE = STRETCH // 2
+"""Number of pixels in a row with shares of their own: five for each of the six shares."""
+
+MIN_PIECE_PIXELS = 24
+"""Smallest number of usable pixels of a piece: four for each of the six shares."""
 
 MOST_ALIKE = 0.5
-"""Largest length of the mean of exp(2 i φ) over a stretch, in which harmonics do not look like light
+"""Largest length of the mean of exp(2 i φ) over a piece, in which harmonics do not look like light
 that is added to a frame: half a turn or more of the phase. An empirical choice."""
 
 LOCAL_SHARE = 0.5
-"""Variance that shares of their own leave of the stretches, over that with shares of the whole
+"""Variance that shares of their own leave of the pieces, over that with shares of the whole
 frame, below which the latter is no noise.
 
-Noise alone gives 1 within some per cent. An empirical choice: ten photographs with γ of 1.8 to 2.4
-and a projector out of focus at parts of the scene gave 0.03 to 0.4, those without either above 0.9.
+Noise alone gives 1 within some per cent. An empirical choice: of eight simulated photographs with
+four steps, six gave 0.10 to 0.39, with γ and a projector out of focus at parts of the scene.
 """
 
 
-def squares_of_stretches(
+def squares_of_pieces(
     planes: Sequence[NDArray[Any]], fitted: FloatMap, rows: DesignRows, used: BoolMap
 ) -> tuple[NDArray[np.intp], FloatMap]:
-    """Sums of squared residuals with shares of the harmonics of their own in every stretch.
+    """Sums of squared residuals with shares of the harmonics of their own in every piece.
 
     Frames of other light than the plan's stay in the residuals: they move the phases as well.
 
@@ -52,11 +55,11 @@ def squares_of_stretches(
 
     Returns
     -------
-    pixels : (m,) indices of the pixels of the stretches that have enough of them
+    pixels : (m,) indices of the pixels of the pieces that have enough of them
     square : (m,) array, counts²
         For N − 3 degrees of freedom each, as the shares take the same part of all.
     """
-    inside, pixels = _stretches(fitted, used)
+    inside, pixels = _pieces(fitted, used)
     if pixels.size == 0:
         return pixels, np.empty(0)
     design, _ = fit_matrices(rows)
@@ -73,14 +76,14 @@ def squares_of_stretches(
     return pixels[kept], np.asarray(square.reshape(-1)[kept])
 
 
-def _stretches(fitted: FloatMap, used: BoolMap) -> tuple[BoolMap, NDArray[np.intp]]:
-    """Stretches with enough pixels over enough of a turn: which pixels of each take part, (m,
-    STRETCH), and the indices of all."""
-    whole = used.size // STRETCH  # a rest of a stretch is left
-    inside = used[: whole * STRETCH].reshape(whole, STRETCH)
+def _pieces(fitted: FloatMap, used: BoolMap) -> tuple[BoolMap, NDArray[np.intp]]:
+    """Pieces with enough pixels over enough of a turn: which pixels of each take part, (m,
+    PIECE), and the indices of all."""
+    whole = used.size // PIECE  # a rest of a piece is left
+    inside = used[: whole * PIECE].reshape(whole, PIECE)
     turns = np.where(used, np.exp(2j * np.arctan2(fitted[2], fitted[1])), 0.0)
-    alike = np.abs(turns[: whole * STRETCH].reshape(whole, STRETCH).sum(axis=1))
+    alike = np.abs(turns[: whole * PIECE].reshape(whole, PIECE).sum(axis=1))
     count = inside.sum(axis=1)
-    enough = np.flatnonzero((count >= MIN_STRETCH_PIXELS) & (alike < MOST_ALIKE * count))
-    pixels = (enough[:, None] * STRETCH + np.arange(STRETCH)).reshape(-1)
+    enough = np.flatnonzero((count >= MIN_PIECE_PIXELS) & (alike < MOST_ALIKE * count))
+    pixels = (enough[:, None] * PIECE + np.arange(PIECE)).reshape(-1)
     return np.asarray(inside[enough]), pixels

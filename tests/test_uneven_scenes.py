@@ -34,7 +34,9 @@ def bits_of(step_px, length, at):
 def test_noise_is_not_taken_from_harmonics_that_blur_takes(seed):
     """A response of γ 2.2 adds 0.4 of a second harmonic, and none where the projector is blurred."""
     steps = PhaseSteps("x", 16.0, equal_steps(4))
-    plan = fw.PatternPlan(512, 400, (steps, GrayCode("x", 8.0, 512), *map(Uniform, ("white", "black"))))
+    plan = fw.PatternPlan(
+        512, 400, (steps, GrayCode("x", 8.0, 512), *map(Uniform, ("white", "black")))
+    )
     at = 40.0 + 1.5 * X + 3.0 * np.sin(Y / 40.0)
     phase, sharp = 2.0 * np.pi * at / 16.0, np.clip((X - 118.0) / 20.0, 0.0, 1.0)
     frames = []

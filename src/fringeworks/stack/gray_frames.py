@@ -19,7 +19,7 @@ from fringeworks.patterns.gray_code import (
 )
 from fringeworks.patterns.order_chain import GRAY_REACH
 from fringeworks.patterns.plan import GrayCode, PatternPlan
-from fringeworks.types import BoolMap, CameraNoise, FramesContradictPlan, InputError
+from fringeworks.types import BoolMap, CameraNoise, FloatMap, FramesContradictPlan, InputError
 
 GRAY_GUARD = 0.02
 """Distance that a coordinate one period away keeps from a Gray-code cell, besides noise, in cells.

@@ -245,7 +245,7 @@ def _pair_noise(decoding: Decoding, sample: Sample, limits: Limits) -> CameraNoi
     bits, inverse = bits[:, known], inverse[:, known]
     lit = _lit(np.asarray((bits + inverse).mean(axis=0)))
     bits, inverse = bits[:, lit], inverse[:, lit]
-    # Of stripes that the projector's scaler or γ makes darker, a bit and its inverse add up to less.
+    # Stripes that the projector's scaler makes darker add up to less with their inverse.
     contrast = np.abs(bits - inverse)
     whole = contrast > WHOLE_CONTRAST * contrast.max(axis=0)
     sums = _of_one_exposure(bits, inverse, whole)

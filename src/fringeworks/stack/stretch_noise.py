@@ -1,4 +1,4 @@
-"""Noise from the residuals of fits, where what the frames add to the fringes differs over the scene.
+"""Noise from the residuals of fits, where the harmonics of the fringes differ over the scene.
 
 A response that is not linear adds harmonics. Their shares are those of one projector only where all
 is equally sharp: out of focus, at a slant or in indirect light, the fringes lose their harmonics

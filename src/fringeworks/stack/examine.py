@@ -196,7 +196,10 @@ def _resolved(decoding: Decoding, points: Sequence[NDArray[Any]], noise: CameraN
         widest = WIDEST_CELL_TURNS * decoding.longest_px / gray.step_px
         count = min(count, max(0, int(np.floor(np.log2(max(widest, 1.0))))))
     coarse = replace(
-        gray.without_finest(count), blurred_px=found.blurred_px, farthest_px=found.farthest_px
+        gray.without_finest(count),
+        blurred_px=found.blurred_px,
+        farthest_px=found.farthest_px,
+        doubt_share=found.doubt_share,
     )
     coarse = replace(coarse, resolved_px=coarse.step_px if count else None)
     return replace(decoding, gray=coarse)
@@ -208,7 +211,12 @@ def _by_resolved_cells(planned: Decoding, coarse: Decoding) -> Decoding:
     if planned.sets or planned.gray is None or coarse.gray is None:
         return coarse
     seen = coarse.gray
-    gray = replace(planned.gray, resolved_px=seen.step_px, blurred_px=seen.blurred_px)
+    gray = replace(
+        planned.gray,
+        resolved_px=seen.step_px,
+        blurred_px=seen.blurred_px,
+        doubt_share=seen.doubt_share,
+    )
     return replace(planned, gray=gray)
 
 

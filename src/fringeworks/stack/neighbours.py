@@ -12,10 +12,11 @@ from fringeworks.stack.kernel_settings import Decoding, lit_pixels
 from fringeworks.statistics.chi_square import chi_square_quantile
 from fringeworks.types import FloatMap, Reason
 
-WORTH_VOTING = 0.1
-"""Share of the lit pixels with an ambiguous order from which on neighbours vote. Edges and light of
-other surfaces leave up to 5 % of simulated scenes ambiguous: there, doubt is right, and a vote of
-neighbours would hide it. Noise that takes the margin of a plan leaves far more."""
+WORTH_VOTING = 0.02
+"""Share of the lit pixels with an ambiguous order from which on neighbours vote: a dark part of a
+scene is lost without. In five simulated photographs with 1 to 10 % of ambiguous pixels, votes of
+neighbours measured 0 to 10 % more pixels, and wrong orders stayed within 80 per million of before.
+"""
 
 UNKNOWN_TURNS = 1.0
 """Errors of all roundings, turns, from which on no order is known: sets that are shifted against

@@ -230,8 +230,9 @@ def _progress(job: Job) -> str:
     if job.state == "waiting":
         return f"{job.name}: waits for the work before it"
     left = "" if job.left_s is None else f", about {job.left_s:.0f} s left"
-    count = f" ({job.steps} of {job.total})" if job.total else ""
-    return f"{job.name}: {job.label}{count}{left}"
+    words = step_words(job)
+    count = f" ({job.steps} of {job.total})" if job.total and words == job.label else ""
+    return f"{job.name}: {words}{count}{left}"
 
 
 def finding_lines(figures: dict[str, Any]) -> list[tuple[str, bool]]:

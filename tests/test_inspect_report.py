@@ -81,7 +81,7 @@ def test_a_failure_says_which_limit_is_broken():
     (check, _) = fw.inspect(points(4), recipe(10.5, 11.0)).checks
     assert check.verdict == "fail"
     assert re.fullmatch(
-        r"(9\.99|10\.00)\d+ mm is 0\.\d+ mm below the smallest allowed 10\.5", check.why
+        r"(9\.99|10\.00)\d+ mm is 0\.\d+ mm below the smallest allowed 10\.5 mm", check.why
     )
 
 

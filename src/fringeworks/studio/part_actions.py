@@ -108,7 +108,9 @@ class WriteMesh:
                 f"    fw.surface.clean_cloud(cloud), plate_mm={PLATE_MM}, fill_px={HOLE_PX}\n)\n"
             )
         return Command(
-            _lines(measured, f"fringeworks mesh {quoted(cloud)} {options}--out {quoted(self.name)}"),
+            _lines(
+                measured, f"fringeworks mesh {quoted(cloud)} {options}--out {quoted(self.name)}"
+            ),
             f"cloud = {_points_in_python(self.source)}\n"
             f"{made}"
             f"fw.files.write_mesh({self.name!r}, mesh)",

@@ -59,7 +59,7 @@ def solid_relief(cloud: PointCloud, *, plate_mm: float = 2.0, fill_px: int = 0) 
     >>> row, column = np.mgrid[-20:21, -20:21]
     >>> xyz = np.stack([column, row, 300.0 - np.hypot(row, column)], axis=-1)
     >>> sigma, ok = np.full(row.shape, 0.01), np.zeros(row.shape, np.uint8)
-    >>> solid = solid_relief(PointCloud(xyz, sigma, ok), plate_mm=3)
+    >>> solid = solid_relief(PointCloud(xyz, sigma, sigma, ok), plate_mm=3)
     >>> round(float(solid.vertices_mm[:, 2].max()), 1)
     31.3
     """

@@ -30,8 +30,9 @@ from fringeworks.report.page.parts import (
 from fringeworks.report.page.surfaces import surface_block
 from fringeworks.report.sheets import titled
 from fringeworks.report.summary import summarise, told
+from fringeworks.report.verdicts import allowed
 from fringeworks.types import HeightMap, PartTolerance
-from fringeworks.types.numbers import UNKNOWN, limit, number, percent, sigma_text
+from fringeworks.types.numbers import SHARE, UNKNOWN, limit, number, percent, sigma_text
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
@@ -86,12 +87,12 @@ def words(inspection: Inspection, _: dict[str, Any]) -> Iterator[Word]:
 
 def _row(check: Check) -> list[str]:
     one = check.tolerance
-    low, high = ("" if v is None else limit(v) for v in (one.low, one.high))
+    unit = one.unit(check.unit)
     return [
         one.name,
-        number(check.value, check.sigma, check.unit),
-        sigma_text(check.sigma),
-        f"{low} … {high}",
+        number(check.value, check.sigma, unit),
+        sigma_text(check.sigma) if unit != SHARE else UNKNOWN,
+        allowed(one, check.unit),
         f"{check.verdict}: {check.why}" if check.why else check.verdict,
     ]
 
@@ -155,9 +156,10 @@ def _tolerances(result: Inspection) -> tuple[Block, ...]:
 def _report_row(check: Check) -> tuple[str, ...]:
     one = check.tolerance
     what = f"{_said(one)}: {', '.join(one.areas)}{_under(one)}"
-    nominal, low, high = (limit(v) for v in (one.target, one.low, one.high))
-    value = number(check.value, check.sigma, check.unit)
-    wide = number(check.expanded, check.sigma, check.unit)
+    unit = one.unit(check.unit)
+    nominal, low, high = (limit(v, unit) for v in (one.target, one.low, one.high))
+    value = number(check.value, check.sigma, unit)
+    wide = number(check.expanded, check.sigma, unit) if unit != SHARE else UNKNOWN
     verdict = f"{check.verdict}: {check.why}" if check.why else check.verdict
     return one.name, what, nominal, low, high, value, wide, verdict
 

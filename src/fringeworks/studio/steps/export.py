@@ -54,8 +54,8 @@ def build(step: Step) -> None:
                 ui.button(name, on_click=mesh).props("outline no-caps")
         if not heights:
             ui.label(
-                "Files to print hold a solid that lies on its back on a plate of 2 mm. A part on all "
-                "sides is merged from views in Scan."
+                "Files to print hold a solid that lies on its back on a plate of 2 mm. For all "
+                "sides of a part, merge views in Scan."
             ).classes("fw-quiet")
 
     def written(job: Job) -> None:

@@ -18,6 +18,7 @@ from fringeworks.studio.places import Place
 from fringeworks.studio.plots import DARK_FOLDER
 from fringeworks.studio.session import Session
 from fringeworks.studio.state import Studio
+from fringeworks.studio.words import step_words
 from fringeworks.types import InputError, numbers
 
 UPDATE_S = 0.25

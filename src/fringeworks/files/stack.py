@@ -104,7 +104,10 @@ def read_stack(
     if plan is None:
         plan = path.parent / PLAN_FILE
         if not is_file(plan):
-            raise FileProblem(f"{path}: expected a plan, or a file {PLAN_FILE} beside it; got none")
+            raise FileProblem(
+                f"{path}: expected a plan, or a file {PLAN_FILE} beside it, got none; phase steps "
+                "of known shifts need no plan: their result is the wrapped phase"
+            )
     layout = _plan_of(plan)
     if layout.colours:
         read = _read_colours([path], layout, checked_channels(channels), None)

@@ -31,7 +31,7 @@ from fringeworks.report.page.surfaces import surface_block
 from fringeworks.report.sheets import titled
 from fringeworks.report.summary import summarise, told
 from fringeworks.report.verdicts import allowed
-from fringeworks.types import HeightMap, PartTolerance
+from fringeworks.types import HeightMap, PartTolerance, Provenance, day
 from fringeworks.types.numbers import SHARE, UNKNOWN, limit, number, percent, sigma_text
 
 if TYPE_CHECKING:
@@ -113,7 +113,9 @@ def chapter(result: Inspection, context: Context) -> Chapter:
         ("measured pixels", percent(1.0 - surface.failed_fraction)),
         ("median σ of a pixel", _usual_sigma(result)),
         ("risk of a wrong decision", percent(recipe.risk)),
+        ("measured", _day_of(surface.provenance)),
         ("recipe", f"sha256 {recipe_hash(recipe)}"),
+        ("rig", _rig_of(surface.provenance)),
     ]
     caption = "The part; pixels outside the recipe's area are left out."
     return Chapter(
@@ -130,6 +132,17 @@ def chapter(result: Inspection, context: Context) -> Chapter:
             *provenance_block(surface.provenance),
         ),
     )
+
+
+def _day_of(origin: Provenance | None) -> str | None:
+    """When the part was measured."""
+    return day(origin.date) if origin is not None and origin.date else None
+
+
+def _rig_of(origin: Provenance | None) -> str | None:
+    """The hash of the rig."""
+    known = origin is not None and origin.rig_sha256
+    return f"sha256 {origin.rig_sha256}" if origin is not None and known else None
 
 
 def _usual_sigma(result: Inspection) -> str:

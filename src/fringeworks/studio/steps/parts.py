@@ -284,8 +284,9 @@ def figures(values: dict[str, Any], names: dict[str, str]) -> None:
             value = values.get(key)
             if value is None:
                 continue
-            ui.label(name).classes("fw-quiet")
-            ui.label(_figure(name, value))
+            quantity, _, unit = name.partition(", ")
+            ui.label(quantity).classes("fw-quiet")
+            ui.label(f"{_figure(name, value)} {unit}".rstrip())
 
 
 def _figure(name: str, value: Any) -> str:

@@ -97,7 +97,7 @@ def paper(
     out: Folder,
     size: Size = 1000,
     kind: Annotated[
-        str, typer.Option("--format", help="Format of the figures: svg, pdf (for LaTeX) or png.")
+        str, typer.Option("--figures", help="Format of the figures: svg, pdf (for LaTeX) or png.")
     ] = "svg",
     force: Force = False,
 ) -> None:

@@ -294,16 +294,7 @@ class Areas:
             other = ui.select(names_of_areas, value=names_of_areas[0], label="Base, or other area")
             other.classes("fw-field")
             other.bind_visibility_from(quantity, "value", lambda v: QUANTITIES[v] > 1)
-            low = ui.number("Smallest").classes("fw-narrow")
-            high = ui.number("Largest").classes("fw-narrow")
-
-            def said() -> None:
-                unit = "0…1" if quantity.value in SHARES else UNITS[quantity.value]
-                for field, name in ((low, "Smallest"), (high, "Largest")):
-                    field.props["label"] = f"{name}, {unit}"
-
-            quantity.on_value_change(said)
-            said()
+            low, high = _ends(quantity)
 
             def add() -> None:
                 on = (area.value, other.value)[: QUANTITIES[quantity.value]]
@@ -353,6 +344,22 @@ class Areas:
                     check["verdict"] + why,
                 )
                 _row("td", cells)
+
+
+def _ends(quantity: ui.select) -> tuple[ui.number, ui.number]:
+    """Fields of the limits, with the unit of the quantity that is chosen."""
+    names = "Smallest", "Largest"
+    low, high = (ui.number(name).classes("fw-narrow") for name in names)
+
+    def said() -> None:
+        chosen = str(quantity.value)
+        unit = "0…1" if chosen in SHARES else UNITS[chosen]
+        for field, name in zip((low, high), names, strict=True):
+            field.props["label"] = f"{name}, {unit}"
+
+    quantity.on_value_change(said)
+    said()
+    return low, high
 
 
 def _row(kind: str, texts: Sequence[str]) -> None:

@@ -358,6 +358,7 @@ def calls() -> list[Call]:
         call("height_over_plane", cloud=p["cloud"], point_mm=np.array([0.0, 0, 500]), normal=np.array([0.0, 0, 1]), pitch_mm=2.0, right=np.array([1.0, 0, 0])),
         call("normals", cloud=p["cloud"], window=5),
         call("cloud_mesh", cloud=p["cloud"], fill_px=10),
+        call("solid_relief", cloud=p["cloud"], plate_mm=2.0, fill_px=10),
         call("height_map_mesh", surface=p["map"], texture=np.ones(p["map"].shape)),
         call("decimate", mesh=p["mesh"], faces=20),
         *[slow("fit_form", points_mm=points, body=body, sigma_mm=np.full(200, 0.1), common_mm=0.01, seed=1) for body, points in bodies.items()],

@@ -100,7 +100,11 @@ def test_compare(tmp_path):
     rows = json.loads(table.read_text())["rows"]
     assert [row["method"] for row in rows] == ["ifa", "sifa", "gsifa", "exact", "windowed"]
     assert all(set(row) >= COLUMNS for row in rows)
-    assert len(done.stdout.splitlines()) == 6
+    lines = done.stdout.splitlines()
+    assert lines[0] == "parabola, γ 1, noise of 0 counts, not quantised, 5 fringes"
+    assert len(lines) == 7
+    assert max(map(len, lines)) <= 80
+    assert lines[1].split()[0] == "method"
     assert (tmp_path / "t.csv").read_text().startswith("object,method,gamma")
     assert (tmp_path / "t.md").read_text().startswith("| object |")
 
@@ -499,6 +503,9 @@ def test_every_command_has_an_example():
     groups = [group.typer_instance for group in app.registered_groups]
     for command in [c for part in (app, *groups) for c in part.registered_commands]:
         assert command.epilog.startswith("Example: fringeworks "), command.name
+        # The list of commands shows the first paragraph, cut at its first line.
+        first = command.callback.__doc__.strip().splitlines()[0]
+        assert first.endswith("."), first
 
 
 @pytest.mark.system

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+import fringeworks as fw
 from fringeworks import InputError, reconstruct
 from fringeworks.signal.denoise import (
     DENOISERS,
@@ -128,3 +129,14 @@ def test_bad_input():
     with pytest.raises(InputError, match="noise: expected"):
         denoise(frame, noise=-1.0)
     assert denoise(np.ones((20, 1))).shape == (20, 1)
+
+
+@pytest.mark.parametrize("by_rows", [True, False])
+def test_modes_are_drawn(by_rows):
+    frame = fw.simulate.standard_scene("parabola", size=48, fringes=6, noise=4, bits=8).object
+    split = fw.signal.decompose_rows if by_rows else fw.signal.decompose_frame
+    modes = split(frame, max_imfs=2)
+    figure = modes.plot("cone")
+    titles = [axes.get_title() for axes in figure.axes if axes.get_title()]
+    assert titles == ["mode 1", "mode 2", "residue"]
+    assert "48 × 48 px" in figure.get_suptitle()

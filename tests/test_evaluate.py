@@ -13,6 +13,7 @@ import pytest
 from fringeworks import HeightMap, InputError, Reason, compare
 from fringeworks.evaluate.truth_errors import edge_band, errors
 from fringeworks.report.tables import format_table
+from fringeworks.simulate.scene import standard_scene
 from tests.commands import COLUMNS
 from tests.map_fits import fit_cone, fit_plane
 
@@ -84,6 +85,22 @@ def test_comparison_runs_every_combination():
     assert set(rows[0]) >= COLUMNS
 
 
+def test_options_of_scenes_are_numbers_or_sequences_by_either_name():
+    few = {"methods": ["fourier"], "size": 80}
+    one = compare(noise=2, bits=8, gamma=1.5, fringes=5, **few)
+    other = compare(noises=(2,), bits=(8,), gammas=[1.5], fringes=[5], **few)
+    assert str(one) == str(other)  # NaN is unlike itself
+    assert [(r["noise"], r["bits"], r["gamma"], r["fringes"]) for r in one] == [(2, 8, 1.5, 5)]
+    with pytest.raises(InputError, match=r"noisy: expected an option of scenes \(gammas, noises"):
+        compare(noisy=2, **few)
+    with pytest.raises(InputError, match="noise: expected either noise or noises, got both"):
+        compare(noise=2, noises=[2], **few)
+    scene = standard_scene("parabola", size=60, fringes=4)
+    for given in (scene, [scene]):
+        with pytest.raises(InputError, match="pairs belong to captures"):
+            compare(given, ["fourier"])
+
+
 def test_tables():
     rows = [
         {"object": "a", "mean": 0.123456, "edge": float("nan")},
@@ -100,6 +117,11 @@ def test_tables():
     assert text[0].split() == ["object", "mean", "edge"]
     assert text[1].split() == ["a", "0.123", "–"]
     assert format_table([], "json") == "[]\n"
+    rows = [{"name": "a_b", "mean_mm": -0.5, "kept": True}]
+    assert format_table(rows, "latex") == (
+        "\\begin{tabular}{lrl}\n\\hline\nname & mean mm & kept \\\\\n\\hline\n"
+        "a\\_b & $-$0.500 & yes \\\\\n\\hline\n\\end{tabular}\n"
+    )
 
 
 def test_plane_fit():

@@ -10,9 +10,11 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.cli.commands import run
+from fringeworks.report.kind import Rows, words_of
 from fringeworks.report.windows import window_of
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
+from fringeworks.types.numbers import percent
 from tests.inspected import AREAS, points, scene, step
 
 
@@ -81,7 +83,7 @@ def test_a_failure_says_which_limit_is_broken():
     (check, _) = fw.inspect(points(4), recipe(10.5, 11.0)).checks
     assert check.verdict == "fail"
     assert re.fullmatch(
-        r"(9\.99|10\.00)\d+ mm is 0\.\d+ mm below the smallest allowed 10\.5", check.why
+        r"(9\.99|10\.00)\d+ mm is 0\.\d+ mm below the smallest allowed 10\.5 mm", check.why
     )
 
 
@@ -110,3 +112,18 @@ def test_pictures_are_cropped_to_what_was_measured():
     left, _, right, _ = AREAS["top"].box
     shown = found.plot("part").subfigs[0].axes[0]
     assert left - 15 < min(shown.get_xlim()) < left < right < max(shown.get_xlim()) < right + 15
+
+
+def test_shares_are_percent_and_limits_have_units():
+    share = fw.evaluate.PartTolerance("seen", "valid_share", ("base",), 0.5, 0.75)
+    judged = replace(recipe(), tolerances=(*tolerances(), share))
+    found = fw.inspect(points(4), judged)
+    seen = percent(found.checks[-1].value)
+    assert found.checks[-1].why == f"{seen} is above the largest allowed 75 %"
+    figures = fw.report.summarise(found)
+    assert 0.75 < figures["checks"][-1]["value"] <= 1.0  # files keep the share
+    shown = [
+        row for word in words_of(found, figures) if isinstance(word, Rows) for row in word.rows
+    ]
+    assert [row[3] for row in shown] == ["9.9 … 10.1 mm", "≤ 0.9 mm", "50 … 75 %"]
+    assert [row[1:3] for row in shown][-1] == [seen, "–"]

@@ -265,7 +265,7 @@ def test_calibrations_and_phases_with_more_than_is_read(tmp_path):
             HEIGHTS,
             "a.foo: expected one of .tif, .tiff, .npz, .ply, .x3p, .gsf, .csv, .vti, got .foo",
         ),
-        ("a.ply", EXACT["x.npz"], "expected one of .npz, .csv, .vti, got .ply"),
+        ("a.ply", EXACT["x.npz"], "expected one of .npz, .csv, .vti, .mat, got .ply"),
         ("none/a.npz", CLOUD, "expected a writable folder, got none"),
         ("a.npz", object(), "expected one of Pair, Stack, .*, got object"),
         ("a.npz", None, "got NoneType"),

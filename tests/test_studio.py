@@ -384,7 +384,7 @@ def test_areas_are_drawn_and_parts_judged(pages, shared):
     visitor.page.get_by_label("Smallest").fill("10")
     visitor.page.get_by_label("Largest").fill("20")
     visitor.click("Add the tolerance")
-    visitor.sees("at least 10, at most 20")
+    visitor.sees("at least 10 mm, at most 20 mm")
     visitor.click("Judge the part")
     visitor.sees("pair: fail")
     found = fw.inspect(shared.folder / "pair", shared.folder / "recipe.toml")

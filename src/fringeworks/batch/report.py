@@ -24,8 +24,7 @@ from fringeworks.report.page.parts import dict_table, facts
 from fringeworks.report.page.report import check_report_target, write_page
 from fringeworks.report.verdicts import COVERAGE, Verdict, allowed, overall
 from fringeworks.types import FloatMap, PartTolerance, Rig, day, fingerprint, made_by
-from fringeworks.types.numbers import UNKNOWN, limit, number, percent
-from fringeworks.types.recipe import UNITS
+from fringeworks.types.numbers import SHARE, UNKNOWN, limit, number, percent
 
 MOST_LISTED = 2000
 """Parts that the table of a page lists; the summary has all."""
@@ -161,10 +160,10 @@ def _capabilities(result: BatchResult) -> tuple[Block, ...]:
     rows, indices = [], []
     for one in result.tolerances:
         found = capability(_column(result, one.name), one.low, one.high)
-        unit = UNITS[one.quantity]
+        unit = one.unit()
         wide = _column(result, f"{one.name} σ")
         usual = COVERAGE * float(np.median(wide[np.isfinite(wide)])) if found.count else None
-        nominal, low, high = (limit(v) for v in (one.target, one.low, one.high))
+        nominal, low, high = (limit(v, unit) for v in (one.target, one.low, one.high))
         rows.append(
             {
                 "tolerance": one.name,
@@ -173,7 +172,7 @@ def _capabilities(result: BatchResult) -> tuple[Block, ...]:
                 "max": high,
                 "mean": number(found.mean, found.overall, unit),
                 "s": number(found.overall, found.overall, unit),
-                "U (k = 2)": number(usual, usual, unit),
+                "U (k = 2)": UNKNOWN if unit == SHARE else number(usual, usual, unit),
             }
         )
         indices.append(
@@ -205,9 +204,11 @@ def _parts(result: BatchResult, links: Mapping[str, str]) -> tuple[Block, ...]:
     valued = result.tolerances[:MOST_VALUES]
     columns = ("part", "frames written / UTC", "verdict", *(_heading(one) for one in valued), "why")
     verdicts = _verdicts(result)
+    rows = [_row(result, row, valued) for row in listed]
+    shown = len(columns) if any(row[-1] for row in rows) else len(columns) - 1
     table = Table(
-        columns,
-        tuple(_row(result, row, valued) for row in listed),
+        columns[:shown],
+        tuple(row[:shown] for row in rows),
         "All parts, in the order in which their frames were written",
         bad=tuple(k for k, v in enumerate(verdicts[:MOST_LISTED]) if v in ("fail", NOT_MEASURED)),
         doubtful=tuple(k for k, v in enumerate(verdicts[:MOST_LISTED]) if v == "undecided"),
@@ -219,8 +220,8 @@ def _parts(result: BatchResult, links: Mapping[str, str]) -> tuple[Block, ...]:
 
 
 def _heading(one: PartTolerance) -> str:
-    unit = UNITS[one.quantity]
-    return f"{one.name} / {unit}" if unit else one.name
+    unit = one.unit()
+    return one.name if unit == SHARE else f"{one.name} / {unit}"
 
 
 def _row(
@@ -228,7 +229,10 @@ def _row(
 ) -> tuple[str, ...]:
     """A part: its values, and why it does not pass."""
     whys = [_why(one, row) for one in result.tolerances if row.get(f"{one.name} why")]
-    values = [number(row.get(one.name), row.get(f"{one.name} σ")) for one in valued]
+    values = [
+        number(row.get(one.name), row.get(f"{one.name} σ"), SHARE if one.unit() == SHARE else "")
+        for one in valued
+    ]
     return (
         str(row["scan"]),
         day(row["taken"]).removesuffix(" UTC") if row.get("taken") else UNKNOWN,
@@ -242,7 +246,7 @@ def _why(one: PartTolerance, row: Mapping[str, Any]) -> str:
     """Why a part does not pass, in a line; its own report has more of what is undecided."""
     value, sigma = row.get(one.name), row.get(f"{one.name} σ")
     if row.get(f"{one.name} verdict") == "undecided" and value is not None:
-        return f"{one.name}: undecided at {number(value, sigma)} ({allowed(one)})"
+        return f"{one.name}: undecided at {number(value, sigma, one.unit())} ({allowed(one)})"
     return f"{one.name}: {row[f'{one.name} why']}"
 
 
@@ -253,19 +257,20 @@ def batch_charts(result: BatchResult) -> list[Picture]:
 
 
 def _chart(result: BatchResult, one: PartTolerance) -> Picture:
-    """The control chart of a tolerance."""
+    """The control chart of a tolerance; shares as percent."""
+    scale, unit = (100.0, "%") if one.unit() == SHARE else (1.0, one.unit())
+    low, high = (None if v is None else scale * v for v in (one.low, one.high))
     figure = control_chart(
         f"{one.name}: {one.quantity.replace('_', ' ')} of {' and '.join(one.areas)}",
-        _column(result, one.name),
-        np.nan_to_num(_column(result, f"{one.name} σ")),
+        scale * _column(result, one.name),
+        scale * np.nan_to_num(_column(result, f"{one.name} σ")),
         [str(row.get(f"{one.name} verdict", "")) for row in result.rows],
-        (one.low, one.high),
-        unit=UNITS[one.quantity],
+        (low, high),
+        unit=unit,
         names=[str(row["scan"]) for row in result.rows],
         order=_order(result),
     )
-    low = f"{one.name}, {UNITS[one.quantity]}" if UNITS[one.quantity] else one.name
-    return Picture(figure, f"{low}; allowed {allowed(one)}.")
+    return Picture(figure, f"{one.name}; allowed {allowed(one)}.")
 
 
 def _order(result: BatchResult) -> str:

@@ -33,8 +33,10 @@ def certificate(
     paper: Annotated[str, typer.Option(help="Paper: A4 or letter, for a PDF.")] = "A4",
     json_file: JsonFile = None,
 ) -> None:
-    """Test a scanner by scans of a ball bar and a plane (VDI/VDE 2634); exit code 0 pass, 3 fail,
-    4 undecided."""
+    """Test a scanner by scans of a ball bar and a plane (VDI/VDE 2634).
+
+    Exit code 0 pass, 3 fail, 4 undecided.
+    """
     words = output.Output(report, json_file)
     output.check(report, "report")
     known = fw.files.read_acceptance_test(test)

@@ -18,22 +18,9 @@ if TYPE_CHECKING:
     from fringeworks.evaluate.best_method import Cell
 
 
+SCENE = ("object", "gamma", "noise", "bits", "fringes")
+"""Columns that describe a scene."""
 SECTION = "Results"
-SHOWN = (
-    "capture",
-    "method",
-    "unit",
-    "measured_fraction",
-    "median_sigma",
-    "median_abs_difference",
-    "agree_within_1_sigma",
-    "agree_within_2_sigma",
-    "mean_abs_error_mm",
-    "within_1_sigma",
-    "within_2_sigma",
-    "seconds",
-)
-"""Columns of a comparison on captures that fit on a terminal; the files have all."""
 
 
 @dataclass(frozen=True)
@@ -205,8 +192,7 @@ def _on_pairs(
     rows = rows_of_captures(found, timing=results.timing)
     origin = made_by("compare_captures", options={"pairs": [str(p) for p in pairs], **options})
     results.write(rows, origin)
-    shown = [{name: row[name] for name in SHOWN if name in row} for row in rows]
-    words.say(fw.report.format_table(shown).rstrip("\n"))
+    _say_table(words, rows)
     words.say(
         f"differences are from {found[0].against}; methods that agree may share an error, so "
         "agreement is not accuracy"
@@ -229,8 +215,6 @@ def _on_scenes(
     from fringeworks.types import made_by
 
     figure = results.figure
-    if figure is not None and not matrix:
-        raise fw.InputError("--figure: expected together with --matrix, or with pairs of one's own")
     with output.progress() as progress:
         rows = (fw.evaluate.compare_everywhere if matrix else fw.compare)(
             timing=results.timing,
@@ -240,13 +224,39 @@ def _on_scenes(
     origin = made_by("compare", options={"matrix": matrix, **options})
     results.write(rows, origin)
     if not matrix:
-        words.say(fw.report.format_table(rows).rstrip("\n"))
+        _say_table(words, rows)
+        if figure is not None:
+            output.draw(_error_bars(rows), figure, origin)
+            words.wrote(figure)
         return
     cells = fw.evaluate.best_methods(rows)
     if figure is not None:
         output.draw(fw.report.best_map("Method with the lowest mean error", cells), figure, origin)
     _say_map(words, cells)
     words.wrote(figure)
+
+
+def _say_table(words: output.Output, rows: Sequence[dict[str, Any]]) -> None:
+    """The rows as a table that fits on a terminal, below what they have in common."""
+    from fringeworks.cli.compared import common_words, shown_rows
+
+    if common := common_words(rows):
+        words.say(common)
+    words.say(fw.report.format_table(shown_rows(rows)).rstrip("\n"))
+
+
+def _error_bars(rows: Sequence[dict[str, Any]]) -> Any:
+    """The mean absolute error of every method as bars, scenes side by side."""
+    from fringeworks.cli.compared import common_words
+    from fringeworks.report.figures import bars
+
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    names = [n for n in SCENE if len({row[n] for row in rows}) > 1]
+    series: dict[str, list[float]] = {}
+    for row in rows:
+        label = ", ".join(f"{name} {row[name]}" for name in names) or "mean |error|"
+        series.setdefault(label, []).append(row["mean_abs_error_mm"])
+    return bars(f"Mean absolute error: {common_words(rows)}", methods, series)
 
 
 def _say_map(words: output.Output, cells: Sequence[Cell]) -> None:

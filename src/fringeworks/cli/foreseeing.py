@@ -60,8 +60,10 @@ def foresee(
     scale: Annotated[float, typer.Option(help="mm per unit of the drawing; inches: 25.4.")] = 1.0,
     json_file: JsonFile = None,
 ) -> None:
-    """Predict what a scan of a part will see, and choose poses; exit code 3 where a face is out of
-    reach."""
+    """Predict what a scan of a part will see, and choose poses.
+
+    Exit code 3 where a face is out of reach.
+    """
     words = output.Output(json_file)
     poses = [_pose(text) for text in pose]
     if spin is not None:

@@ -34,6 +34,7 @@ def inspect_part(
         int,
         typer.Option(help="Draws of a Monte Carlo beside each uncertainty budget; 0 for none."),
     ] = 0,
+    title: Annotated[str, typer.Option(help="Title; by default the capture's name.")] = "",
     *,
     show: ShowOptions,
 ) -> None:
@@ -54,7 +55,7 @@ def inspect_part(
     show.write(
         found,
         figures,
-        name=capture.name,
+        name=title or capture.name,
         provenance=found.surface.provenance,
         rig=None if known.rig is None else rig_of(known),
     )

@@ -46,6 +46,13 @@ def mesh(
         ),
     ] = None,
     fill: Annotated[int, typer.Option(help="Largest hole that is filled, px.")] = 0,
+    plate: Annotated[
+        float | None,
+        typer.Option(
+            help="Close the mesh for printing by a plate of this thickness behind the part, mm; "
+            "z is then up, and the bottom has z = 0."
+        ),
+    ] = None,
     faces: Annotated[
         int | None, typer.Option(help="Number of triangles to keep at most; all by default.")
     ] = None,
@@ -66,7 +73,7 @@ def mesh(
             limit = {} if island is None else {"min_island_px": island}
             seen = fw.surface.clean_cloud(seen, max_sigma_mm=max_sigma, **limit)
         progress("triangles …")
-        found = fw.surface.cloud_mesh(seen, fill_px=fill)
+        found = _connected(seen, plate, fill)
         if faces is not None:
             progress("fewer triangles …")
             found = fw.surface.decimate(found, faces)
@@ -78,9 +85,17 @@ def mesh(
         f"{cropped.sum() - kept.sum()} removed by cleaning)"
     )
     marked = 0 if found.filled is None else int(found.filled.sum())
-    filled = f", {marked} of them in filled holes" if marked else ""
+    where = "in filled holes" if plate is None else "not measured: the plate, and filled holes"
+    filled = f", {marked} of them {where}" if marked else ""
     words.say(f"{len(found.faces)} triangles of {len(found.vertices_mm)} vertices{filled}")
     words.wrote(out)
+
+
+def _connected(seen: fw.PointCloud, plate: float | None, fill: int) -> fw.TriangleMesh:
+    """The open mesh of a cloud, or a closed one that stands on a plate."""
+    if plate is None:
+        return fw.surface.cloud_mesh(seen, fill_px=fill)
+    return fw.surface.solid_relief(seen, plate_mm=plate, fill_px=fill)
 
 
 def _box(text: str) -> NDArray[np.float64]:

@@ -119,8 +119,10 @@ def watch(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Watch by scans of parts, without a board, whether a rig has moved; exit code 0 holds, 3 has
-    moved, 4 cannot tell yet."""
+    """Watch by scans of parts, without a board, whether a rig has moved.
+
+    Exit code 0 holds, 3 has moved, 4 cannot tell yet.
+    """
     words = output.Output(report, json_file)
     output.check(report, "report")
     with output.progress() as progress:

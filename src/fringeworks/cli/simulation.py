@@ -93,13 +93,20 @@ def simulate(
 
 
 @app.command(rich_help_panel=SECTION, epilog="Example: fringeworks paper --out figures/")
-def paper(out: Folder, size: Size = 1000, force: Force = False) -> None:
+def paper(
+    out: Folder,
+    size: Size = 1000,
+    kind: Annotated[
+        str, typer.Option("--figures", help="Format of the figures: svg, pdf (for LaTeX) or png.")
+    ] = "svg",
+    force: Force = False,
+) -> None:
     """Make all figures of the dissertation's chapter 4, and its table of errors."""
     from fringeworks.showcase.dissertation import write_paper
 
     output.check_folder(out)
     with output.progress() as progress:
-        written = write_paper(out, size=size, force=force, progress=progress)
+        written = write_paper(out, size=size, kind=kind, force=force, progress=progress)
     output.Output().say(f"wrote {len(written)} files to {out}")
 
 

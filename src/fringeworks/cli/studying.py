@@ -76,8 +76,10 @@ def study(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Judge a gauge: repeatability and reproducibility, Cg and Cgk, or linearity; exit code 0 pass,
-    3 fail, 4 undecided."""
+    """Judge a gauge: repeatability and reproducibility, Cg and Cgk, or linearity.
+
+    Exit code 0 pass, 3 fail, 4 undecided.
+    """
     words = output.Output(report, json_file)
     output.check(report, "report")
     found = _studied(_summary(table), where, limits)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from itertools import product
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
+
+import numpy as np
 
 from fringeworks.evaluate.captures import Captures, Row, compare_captures, rows_of_captures
 from fringeworks.evaluate.truth_errors import errors
@@ -14,19 +16,24 @@ from fringeworks.pair.analyse import methods as all_methods
 from fringeworks.pipeline.pairs import Reconstruction, reconstruct
 from fringeworks.signal.denoise import Denoiser
 from fringeworks.simulate.scene import standard_scene
-from fringeworks.types import InputError
+from fringeworks.types import InputError, Pair
 
 
 class SceneOptions(TypedDict, total=False):
     """The artificial scenes of ``compare``: values to combine, and what all scenes share."""
 
-    gammas: Sequence[float]
-    """Exponents of the response; 1 by default."""
-    noises: Sequence[float]
-    """Standard deviations of the noise, counts of 8 bit; 0 by default."""
-    bits: Sequence[int]
+    gammas: float | Sequence[float]
+    """Exponents of the response; 1 by default. One may be given as ``gamma``."""
+    gamma: float | Sequence[float]
+    """The same as ``gammas``."""
+    noises: float | Sequence[float]
+    """Standard deviations of the noise, counts of 8 bit; 0 by default. One may be given as
+    ``noise``."""
+    noise: float | Sequence[float]
+    """The same as ``noises``."""
+    bits: int | Sequence[int]
     """Quantisation, 0 for none, which is the default."""
-    fringes: Sequence[float]
+    fringes: float | Sequence[float]
     """Periods across the frame; 10 by default."""
     height_mm: float
     """Largest height, mm; 100 by default."""
@@ -55,6 +62,10 @@ STANDARD: SceneOptions = {
     "seed": 0,
 }
 """Options of scenes that are not given: the undisturbed standard scene of theory §3."""
+SINGULAR = {"gamma": "gammas", "noise": "noises"}
+"""Second names of options, as ``standard_scene`` has them."""
+COMBINED = ("gammas", "noises", "bits", "fringes")
+"""Options of which every combination is run."""
 
 
 def compare(
@@ -88,8 +99,8 @@ def compare(
     on_result : callable, optional
         Called with each row and its reconstruction, for progress and figures.
     **scenes
-        ``SceneOptions``: gammas, noises, bits and fringes, of which every combination is run, and
-        height_mm, size and seed.
+        ``SceneOptions``: gammas, noises, bits and fringes, numbers or sequences of which every
+        combination is run, and height_mm, size and seed.
 
     Returns
     -------
@@ -99,7 +110,7 @@ def compare(
 
     Raises
     ------
-    InputError for an unknown object or method, for captures together with scenes, and as
+    InputError for an unknown object, method or option, for captures together with scenes, and as
     ``compare_captures``.
 
     Examples
@@ -108,11 +119,15 @@ def compare(
     >>> rows = compare(captures=[scene], methods=["fourier", "windowed"], against="windowed")
     >>> [f"{row['method']}: {row['median_abs_difference'] < 2}" for row in rows]
     ['fourier: True', 'windowed: False']
+    >>> compare(methods=["fourier"], noise=2, bits=8, size=100)[0]["noise"]
+    2
     """
+    if objects is not None and _is_capture(objects):
+        raise InputError("objects: expected names of artificial objects; pairs belong to captures")
     if captures is None:
         if against is not None:
             raise InputError("against: expected together with captures; scenes have their truth")
-        chosen: SceneOptions = {**STANDARD, **scenes}
+        chosen = _chosen(scenes)
         return _on_scenes(objects or ("parabola",), methods, chosen, denoise, timing, on_result)
     given = [*(["objects"] if objects else []), *scenes]
     if given:
@@ -127,10 +142,33 @@ def compare(
     return rows
 
 
+def _is_capture(objects: object) -> bool:
+    """Whether a pair, or several, were given in place of names."""
+    one = next(iter(objects), None) if isinstance(objects, list | tuple) else objects
+    return isinstance(one, Pair)
+
+
+def _chosen(scenes: SceneOptions) -> dict[str, Any]:
+    """Options of scenes by their first names, with sequences where they are combined."""
+    chosen: dict[str, Any] = dict(STANDARD)
+    for name, value in scenes.items():
+        first = SINGULAR.get(name, name)
+        if first not in STANDARD:
+            known = ", ".join([*STANDARD, *SINGULAR])
+            raise InputError(f"{name}: expected an option of scenes ({known})")
+        if name in SINGULAR and first in scenes:
+            raise InputError(f"{name}: expected either {name} or {first}, got both")
+        chosen[first] = value
+    for name in COMBINED:
+        if np.ndim(chosen[name]) == 0:
+            chosen[name] = (chosen[name],)
+    return chosen
+
+
 def _on_scenes(
     objects: Sequence[str],
     methods: Sequence[str] | None,
-    scenes: SceneOptions,
+    scenes: dict[str, Any],
     denoise: Denoiser | None,
     timing: bool,
     on_result: Callable[[Row, Reconstruction], None] | None,
@@ -146,7 +184,7 @@ def _on_scenes(
     rows: list[Row] = []
     for name, gamma, noise, depth, count in combined:
         settings = {"gamma": gamma, "noise": noise, "bits": depth, "fringes": count}
-        scene = standard_scene(name, **common, **settings)  # type: ignore[arg-type]
+        scene = standard_scene(name, **common, **settings)
         assert scene.truth_mm is not None
         for method in chosen:
             result = reconstruct(scene, method, denoise=denoise)

@@ -52,7 +52,7 @@ from fringeworks.types import (
     sealed,
     whole,
 )
-from fringeworks.types.numbers import estimate, limit, number
+from fringeworks.types.numbers import SHARE, estimate, limit, number
 from fringeworks.types.recipe import USUAL_RISK
 
 Verdict = Literal["pass", "fail", "undecided"]
@@ -253,29 +253,33 @@ def _why_failed(found: Quantified, tolerance: PartTolerance) -> str:
     broken = high if above else low
     assert broken is not None
     value = found.value if above else found.seen
-    far = number(abs(value - broken), found.sigma, found.unit)
+    unit = tolerance.unit(found.unit)
+    # A share of 32 % is not "67 % below" one of 99 %.
+    far = "" if unit == SHARE else f"{number(abs(value - broken), found.sigma, unit)} "
     return (
-        f"{number(value, found.sigma, found.unit)} is {far} {'above' if above else 'below'} the "
-        f"{'largest' if above else 'smallest'} allowed {limit(broken)}"
+        f"{number(value, found.sigma, unit)} is {far}{'above' if above else 'below'} the "
+        f"{'largest' if above else 'smallest'} allowed {limit(broken, unit)}"
     )
 
 
 def _why_undecided(found: Quantified, tolerance: PartTolerance, risk: float) -> str:
-    guard = NormalDist().inv_cdf(1.0 - risk) * found.sigma
+    guard, unit = NormalDist().inv_cdf(1.0 - risk) * found.sigma, tolerance.unit(found.unit)
     keeps = tolerance.high is not None and found.value <= tolerance.high - guard
     if keeps and found.noise and (tolerance.low is None or found.value >= tolerance.low + guard):
-        seen = number(found.seen, found.sigma, found.unit)
+        seen = number(found.seen, found.sigma, unit)
         return (
             f"{seen} is seen, noise of the points included, and it may explain all that is above "
-            f"{limit(tolerance.high)}: reduce the noise, or widen the limits"
+            f"{limit(tolerance.high, unit)}: reduce the noise, or widen the limits"
         )
     noise = (
-        f", and {number(found.seen, found.sigma)} with the noise of points" if found.noise else ""
+        f", and {number(found.seen, found.sigma, unit)} with the noise of points"
+        if found.noise
+        else ""
     )
     return (
-        f"{number(found.value, found.sigma, found.unit)} lies within "
-        f"{number(guard, found.sigma)} of a limit{noise}: reduce the uncertainty, or widen the "
-        "limits"
+        f"{number(found.value, found.sigma, unit)} lies within "
+        f"{number(guard, found.sigma, unit)} of a limit{noise}: reduce the uncertainty, "
+        "or widen the limits"
     )
 
 

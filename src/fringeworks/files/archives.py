@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fringeworks._lazy import scipy
 from fringeworks.files.atomic import StrPath, check_target, replacing
 from fringeworks.files.csv_table import CSV
 from fringeworks.files.limits import parsing
@@ -24,16 +25,21 @@ from fringeworks.files.npz import (
     read_npz,
     texts,
 )
+from fringeworks.files.provenance import json_line
 from fringeworks.files.result_csv import read_coordinates_csv, write_coordinates_csv
 from fringeworks.files.vtk import VTI, write_coordinates_as_vti
 from fringeworks.pair.unwrap import Unwrapped
 from fringeworks.stack.light_separation import LightSeparation
 from fringeworks.stack.wrapped import WrappedPhase
-from fringeworks.types import Axis, CoordinateMap, Decoded, FileProblem
+from fringeworks.types import Axis, CoordinateMap, Decoded, FileProblem, Reason
 
-COORDINATE_SUFFIXES = (".npz", CSV, VTI)
+MAT = ".mat"
+"""Suffix of MATLAB's files."""
+COORDINATE_SUFFIXES = (".npz", CSV, VTI, MAT)
 """Suffixes of files of coordinates."""
-COORDINATE_ADVICE = "coordinates are written as .npz, .csv or .vti, and become points with a rig"
+COORDINATE_ADVICE = (
+    "coordinates are written as .npz, .csv, .vti or .mat, and become points with a rig"
+)
 """What to do about another suffix."""
 LIGHT = Archive(
     LightSeparation,
@@ -99,6 +105,8 @@ def write_coordinates(path: StrPath, decoded: Decoded) -> Path:
     ``x_reason`` and ``x_periods_px``, the same with ``y_``, for the axes there are; ``noise``
     (read, gain), ``findings`` (JSON) and ``notes``, their text. ``.csv`` has the same as a table
     with a row for every pixel, without the phases of the sets. ``.vti`` is a raster for ParaView.
+    ``.mat`` has the arrays of ``.npz`` for MATLAB, and ``reasons``, the names of the
+    reasons from 0 on.
     """
     check_target(path, COORDINATE_SUFFIXES, COORDINATE_ADVICE)
     if Path(path).suffix.lower() == CSV:
@@ -109,10 +117,25 @@ def write_coordinates(path: StrPath, decoded: Decoded) -> Path:
         with replacing(path) as temporary:
             write_coordinates_as_vti(temporary, decoded)
         return Path(path)
+    if Path(path).suffix.lower() == MAT:
+        with replacing(path) as temporary:
+            _write_mat(temporary, decoded)
+        return Path(path)
     arrays: dict[str, Any] = {"notes": texts(decoded.notes)}
     for axis, found in decoded.maps.items():
         arrays |= {f"{axis}_{n}": values for n, values in AXES[axis].arrays(found).items()}
     return DECODED.write(path, decoded, **arrays)
+
+
+def _write_mat(path: Path, decoded: Decoded) -> None:
+    arrays: dict[str, Any] = {"reasons": np.array([one.name.lower() for one in Reason], object)}
+    for axis, found in decoded.maps.items():
+        arrays |= {f"{axis}_{n}": v for n, v in AXES[axis].arrays(found).items() if v is not None}
+    if decoded.noise is not None:
+        arrays["noise"] = np.array([decoded.noise.read_counts, decoded.noise.gain])
+    if decoded.provenance is not None:
+        arrays["provenance"] = str(json_line(decoded.provenance))
+    scipy.io.savemat(path, arrays, do_compression=True, oned_as="column")
 
 
 def read_coordinates(path: StrPath) -> Decoded:

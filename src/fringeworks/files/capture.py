@@ -58,7 +58,9 @@ def read_capture(path: StrPath) -> Pair | Stack:
             f"{told(path)}: expected a capture folder or one of {_suffixes()}, got nothing there"
         )
     suffix = path.suffix.lower()
-    if suffix in STACK_SUFFIXES and (suffix != ".npz" or is_file(path.parent / PLAN_FILE)):
+    if suffix in STACK_SUFFIXES and (
+        suffix not in PAIR_SUFFIXES or is_file(path.parent / PLAN_FILE)
+    ):
         return read_stack(path)
     if suffix in PAIR_SUFFIXES:
         return read_pair_file(path)

@@ -242,10 +242,10 @@ def _() -> Functions:
     "coordinate",
     "projector coordinates",
     ["Decoded"],
-    [ARCHIVE, CSV, ".vti"],
+    [ARCHIVE, CSV, ".vti", ".mat"],
     arrays=["x_coordinate_px", "y_coordinate_px"],
     tables=["coordinates"],
-    advice="coordinates are written as .npz, .csv or .vti, and become points with a rig",
+    advice="coordinates are written as .npz, .csv, .vti or .mat, and become points with a rig",
 )
 def _() -> Functions:
     from fringeworks.files.archives import read_coordinates, write_coordinates

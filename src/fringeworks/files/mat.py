@@ -8,6 +8,7 @@ The MathWorks, level 5).
 from __future__ import annotations
 
 import io
+import math
 import struct
 import zlib
 from collections.abc import Sequence
@@ -49,6 +50,8 @@ OPAQUE = 17
 """Class of objects, which have another layout."""
 COMPLEX = 0x0800
 """Flag of complex numbers."""
+FRAMES = "frames"
+"""Variable of a stack of frames."""
 HEAD_BYTES = 4096
 """Bytes of a variable that hold its class, size and name: names have at most 63 letters."""
 CPU_SECONDS = 60
@@ -65,18 +68,20 @@ class _Element(NamedTuple):
     """Where the next element begins."""
 
 
-def read_mat(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """Real two-dimensional variables of a MATLAB file, version 5 to 7.3.
+def read_mat(path: Path, names: Sequence[str], *, stack: bool = False) -> dict[str, NDArray[Any]]:
+    """Real variables of a MATLAB file, version 5 to 7.3.
 
     Parameters
     ----------
     path : path
     names : sequence of str
         Variables; others are not read.
+    stack : bool
+        Whether they are (h, w, n) and not (h, w); not of version 7.3.
 
     Returns
     -------
-    Arrays (h, w) by name.
+    Arrays (h, w), or (h, w, n), by name.
 
     Raises
     ------
@@ -87,10 +92,12 @@ def read_mat(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
     with path.open("rb") as file:
         head = file.read(HDF5_PLACES[-1] + len(HDF5_MAGIC))
     if any(head.startswith(HDF5_MAGIC, place) for place in HDF5_PLACES):
+        if stack:
+            raise FileProblem(f"{path}: expected frames of version 5 to 7, got 7.3: save with -v7")
         return {name: _from_hdf5(path, name) for name in names}
     content = read_content(path, "a MATLAB file")
     with parsing(path, "a readable .mat"):
-        found = _variables(content, names)
+        found = _variables(content, names, 3 if stack else 2)
     for name in names:
         if name not in found:
             there = told(", ".join(n for n in found if n)) or "nothing"
@@ -98,7 +105,20 @@ def read_mat(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
     return {name: array for name, array in found.items() if array is not None}
 
 
-def _variables(content: bytes, names: Sequence[str]) -> dict[str, NDArray[Any] | None]:
+def read_mat_frames(path: Path) -> NDArray[Any]:
+    """The frames of a MATLAB file, (n, h, w), from its variable ``frames`` of shape (h, w, n).
+
+    Raises
+    ------
+    FileProblem as ``read_mat``.
+    """
+    frames = read_mat(path, [FRAMES], stack=True)[FRAMES]
+    return np.ascontiguousarray(np.moveaxis(frames, -1, 0))
+
+
+def _variables(
+    content: bytes, names: Sequence[str], dimensions: int
+) -> dict[str, NDArray[Any] | None]:
     """The names of all variables, with the arrays of those that are asked for."""
     order = {b"IM": "<", b"MI": ">"}.get(content[126:HEADER_BYTES])
     if order is None:
@@ -112,14 +132,14 @@ def _variables(content: bytes, names: Sequence[str]) -> dict[str, NDArray[Any] |
             raise FileProblem("expected a readable .mat, got one that ends too early")
         # Compressed variables follow each other directly, others at multiples of eight bytes.
         place += 8 + size + (0 if kind == COMPRESSED else -size % 8)
-        name, array = _variable(body, order, kind, names)
+        name, array = _variable(body, order, kind, names, dimensions)
         if name is not None and name not in found:
             found[name] = array
     return found
 
 
 def _variable(
-    body: bytes, order: str, kind: int, names: Sequence[str]
+    body: bytes, order: str, kind: int, names: Sequence[str], dimensions: int
 ) -> tuple[str | None, NDArray[Any] | None]:
     """Name of a variable, and its values if they are asked for."""
     tagged = struct.pack(f"{order}II", kind, len(body)) + body
@@ -141,17 +161,19 @@ def _variable(
     if name not in names:
         return name, None
     lengths = np.frombuffer(head, f"{order}i4", shape.size // 4, shape.start).tolist()
-    if word & 0xFF not in CLASSES or word & COMPLEX or len(lengths) != 2:
-        raise FileProblem(f"expected {name} as a real (h, w) array, got shape {told(lengths)}")
+    if word & 0xFF not in CLASSES or word & COMPLEX or len(lengths) != dimensions:
+        form = "(h, w)" if dimensions == 2 else "(h, w, n)"
+        raise FileProblem(f"expected {name} as a real {form} array, got shape {told(lengths)}")
     check_frame_size(lengths[1], lengths[0])
     check_bytes(size, f"a variable {name}")
     whole = unpacked(size + 8)
     values = _element(whole, label.end, order)
     stored = np.dtype(order + STORED[values.kind])
-    if values.size != lengths[0] * lengths[1] * stored.itemsize:
-        raise FileProblem(f"expected {lengths[0]} × {lengths[1]} values of {name}, got others")
-    array = np.frombuffer(whole, stored, lengths[0] * lengths[1], values.start)
-    frame = array.reshape(lengths[1], lengths[0]).T
+    count = math.prod(lengths)
+    if min(lengths) < 0 or values.size != count * stored.itemsize:
+        sizes = " × ".join(map(str, lengths))
+        raise FileProblem(f"expected {sizes} values of {name}, got others")
+    frame = np.frombuffer(whole, stored, count, values.start).reshape(lengths, order="F")
     return name, np.ascontiguousarray(frame, CLASSES[word & 0xFF])
 
 

@@ -42,7 +42,7 @@ from fringeworks.stack.even_light import texture_weights
 from fringeworks.stack.frames import Stack, step_of
 from fringeworks.types import NUMBERS, FileProblem, FramesContradictPlan, Region, sealed
 
-STACK_SUFFIXES = (*TIFF_SUFFIXES, ".npy", ".npz", *VIDEO_SUFFIXES)
+STACK_SUFFIXES = (*TIFF_SUFFIXES, ".npy", ".npz", ".mat", *VIDEO_SUFFIXES)
 """Single files that hold a stack."""
 MOST_LEVELS = 3
 """Folders below a folder that are looked into for captures: part, day and pose."""
@@ -68,7 +68,8 @@ def read_stack(
     ----------
     path : path
         A folder of images with ``plan.toml`` (or with ``capture.toml`` of the kind "stack"), a
-        TIFF stack, ``.npy`` or ``.npz`` with (n, h, w), or a video, which OpenCV decodes. A video
+        TIFF stack, ``.npy`` or ``.npz`` with (n, h, w), a MATLAB file of version 5 to 7 with the
+        variable ``frames`` (h, w, n), or a video, which OpenCV decodes. A video
         has the plan's frames, or shows each pattern still for two frames or more.
     plan : path or PatternPlan, optional
         For folders and files that have no plan beside them.
@@ -104,7 +105,10 @@ def read_stack(
     if plan is None:
         plan = path.parent / PLAN_FILE
         if not is_file(plan):
-            raise FileProblem(f"{path}: expected a plan, or a file {PLAN_FILE} beside it; got none")
+            raise FileProblem(
+                f"{path}: expected a plan, or a file {PLAN_FILE} beside it, got none; phase steps "
+                "of known shifts need no plan: their result is the wrapped phase"
+            )
     layout = _plan_of(plan)
     if layout.colours:
         read = _read_colours([path], layout, checked_channels(channels), None)
@@ -483,6 +487,10 @@ def open_stack_file(path: Path) -> tuple[NDArray[Any], bool]:
             stack = np.load(path, mmap_mode="r", allow_pickle=False)
     elif suffix == ".npz":
         stack = read_npz(path, "a stack of frames", {"frames": f"{NUMBERS} nhw"})["frames"]
+    elif suffix == ".mat":
+        from fringeworks.files.mat import read_mat_frames  # for those only who read MATLAB's files
+
+        stack = read_mat_frames(path)
     elif suffix in VIDEO_SUFFIXES:
         stack, lossy = read_video(path), True
     else:

@@ -18,6 +18,7 @@ from fringeworks.files.exposures import is_exposures
 from fringeworks.files.limits import existing_file, parsing, read_content
 from fringeworks.files.multi_rig import read_multi_rig
 from fringeworks.files.rig import read_rig
+from fringeworks.files.stack import read_stack
 from fringeworks.pair.registry import MethodOption
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.pipeline.boards import calibrate_stacks, observe_stack
@@ -82,7 +83,7 @@ def decode(
         read. Several exposures of one scene, from ``fringeworks.files.read_exposures`` or a folder
         that ``fringeworks.scan.capture_hdr`` has written, are decoded each by itself and fused.
     plan : PatternPlan, optional
-        What was projected. Needed for arrays, and for nothing else.
+        What was projected. Needed for arrays, and for files that have no plan beside them.
     **options
         ``noise``, ``saturation``, ``min_modulation`` and the others of
         ``fringeworks.stack.DecodeOptions``. A stack's own saturation and count step hold where none
@@ -114,6 +115,8 @@ def decode(
     >>> round(float(decoded.x.coordinate_px[10, 20]), 1)
     20.0
     """
+    if is_path(frames) and plan is not None:
+        frames, plan = read_stack(frames, plan), None  # type: ignore[arg-type]
     if _is_capture(frames, plan):
         return decode_stack(frames, **options)  # type: ignore[arg-type]
     return decode_frames(frames, plan, **options)  # type: ignore[arg-type]

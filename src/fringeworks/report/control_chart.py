@@ -82,6 +82,7 @@ def control_chart(
     _span(axes, values, limits)
     axes.set_title(title, fontsize=11)
     axes.set_ylabel(unit)
+    axes.ticklabel_format(axis="y", useOffset=False)
     axes.set_xlabel(order)
     _name(axes, names or [str(k) for k in place])
     axes.grid(color="#dddddd", linewidth=0.6)

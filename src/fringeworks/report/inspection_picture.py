@@ -14,7 +14,7 @@ from fringeworks.report.verdicts import VERDICT_COLOURS, VERDICT_MARKS, allowed
 from fringeworks.report.windows import window_of
 from fringeworks.surface.cloud import normals
 from fringeworks.types import BoolMap, FloatMap, HeightMap, PointCloud
-from fringeworks.types.numbers import UNKNOWN, number
+from fringeworks.types.numbers import SHARE, number
 
 LIGHT = (-0.5, -0.5, -0.7)
 """Direction towards the lamp, in camera coordinates: from the upper left, as reliefs are lit."""
@@ -34,6 +34,8 @@ GAUGE_BOX = (0.56, 0.38, 0.42, 0.34)
 """Place of the value between its limits."""
 MOST_GAUGES = 12
 """Tolerances on the picture of a part; the report has all of them."""
+SIGNED = frozenset({"step_height", "deviation_mean"})
+"""Quantities that can be negative: the axes of others begin at 0 or above."""
 SHOWN_PIXELS = 500
 """Pixels along the longer side of a part's picture, about: a page shows no more."""
 RELIEF = 2.0
@@ -148,6 +150,22 @@ def _outline(axes: Axes, name: str, pixels: BoolMap, colour: str) -> None:
         )
 
 
+def _say(axes: Axes, check: Check, spread: float, named: bool) -> None:
+    """The unit, and a title with the value, its U and its limits."""
+    one, measured = check.tolerance, bool(np.isfinite(check.value))
+    unit = one.unit(check.unit)
+    if unit == SHARE:
+        axes.xaxis.set_major_formatter(lambda value, _: f"{100.0 * value:g}")
+    axes.set_xlabel("%" if unit == SHARE else unit, fontsize=8)
+    said = f"{one.name}: {check.verdict}\n" if named else ""
+    value = number(check.value, check.sigma, unit) if measured else "no value"
+    known_u = measured and unit != SHARE
+    uncertain = f", U = {number(spread, check.sigma, unit)}" if known_u else ""
+    limits = allowed(one, check.unit)
+    title = axes.set_title(f"{said}{value}{uncertain}; allowed {limits}", fontsize=8)
+    title.set_parse_math(False)
+
+
 def _gauge(axes: Axes, check: Check, risk: float, *, named: bool = False) -> None:
     """The value with its U on an axis with the limits, and the guard bands of the decision."""
     one = check.tolerance
@@ -160,6 +178,8 @@ def _gauge(axes: Axes, check: Check, risk: float, *, named: bool = False) -> Non
     known += [check.value - spread, check.value + spread] if measured else []
     room = 0.15 * (max(known) - min(known)) or max(abs(known[0]), 1.0)
     left, right = min(known) - room, max(known) + room
+    if min(known) >= 0.0 and one.quantity not in SIGNED:
+        left = max(left, 0.0)
     axes.set_xlim(left, right)
     axes.set_ylim(-1.0, 1.0)
     inside = (left if low is None else low, right if high is None else high)
@@ -180,11 +200,6 @@ def _gauge(axes: Axes, check: Check, risk: float, *, named: bool = False) -> Non
             color=VERDICT_COLOURS[check.verdict],
             fmt=VERDICT_MARKS[check.verdict],
         )
-    axes.set_xlabel(check.unit, fontsize=8)
-    said = f"{one.name}: {check.verdict}\n" if named else ""
-    value = number(check.value, check.sigma, check.unit) if measured else UNKNOWN
-    uncertain = f", U = {number(spread, check.sigma, check.unit)}" if measured else ""
-    title = axes.set_title(f"{said}{value}{uncertain}; allowed {allowed(one)}", fontsize=8)
-    title.set_parse_math(False)
+    _say(axes, check, spread, named)
     for side in ("left", "right", "top"):
         axes.spines[side].set_visible(False)

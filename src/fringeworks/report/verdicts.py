@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from fringeworks.types import PartTolerance
-from fringeworks.types.numbers import limit
+from fringeworks.types.numbers import SHARE, limit
 
 VERDICT_COLOURS = {"pass": "#0072b2", "fail": "#d55e00", "undecided": "#e69f00"}
 """Colours of the verdicts, told apart by eyes that confuse red and green."""
@@ -19,11 +19,17 @@ COVERAGE = 2.0
 """Factor k of the expanded uncertainty U = k σ: a value is within U with about 95 % (GUM)."""
 
 
-def allowed(one: PartTolerance) -> str:
-    """The limits of a tolerance in words."""
+def allowed(one: PartTolerance, measured: str = "") -> str:
+    """The limits of a tolerance in words, with the unit of its value where that is known."""
+    unit = one.unit(measured)
     if one.low is None or one.high is None:
-        return f"≥ {limit(one.low)}" if one.high is None else f"≤ {limit(one.high)}"
-    return f"{limit(one.low)} … {limit(one.high)}"
+        return f"≥ {limit(one.low, unit)}" if one.high is None else f"≤ {limit(one.high, unit)}"
+    return f"{limit(one.low)} … {limit(one.high, unit)}" if unit != SHARE else _shares(one)
+
+
+def _shares(one: PartTolerance) -> str:
+    """Both limits of a share."""
+    return f"{limit(one.low, SHARE).removesuffix(' %')} … {limit(one.high, SHARE)}"
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, suppress
 from typing import Annotated, Any, BinaryIO, NamedTuple
@@ -169,20 +169,40 @@ def _add_problems(app: FastAPI, desk: Desk) -> None:
         assert isinstance(error, RequestValidationError)
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"][1:]) or "request"
-        return said(422, f"{where}: {first['msg'][:MOST_TOLD]}")
+        return said(422, f"{where}: {_wrong(first)[:MOST_TOLD]}")
 
     async def of_input(_: Request, error: Exception) -> Response:
         kinds = {QueueFull: 503, Ending: 503, NoSuchJob: 404, FileProblem: 503}
         status = next((code for kind, code in kinds.items() if isinstance(error, kind)), 422)
         return said(status, str(error))
 
-    async def of_http(_: Request, error: Exception) -> Response:
+    async def of_http(request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
-        return said(error.status_code, str(error.detail))
+        unknown = error.status_code == 404 and error.detail == "Not Found"
+        detail = (
+            f"{request.url.path}: there is no such route; {ROUTES}" if unknown else error.detail
+        )
+        return said(error.status_code, str(detail))
 
     app.add_exception_handler(RequestValidationError, of_request)
     app.add_exception_handler(InputError, of_input)
     app.add_exception_handler(HTTPException, of_http)
+
+
+ROUTES = "GET /openapi.json lists all routes"
+"""Where a program finds what it may ask for."""
+WRONG = {
+    "extra_forbidden": "there is no such field; GET /openapi.json lists them",
+    "missing": "expected this field, got none",
+    "model_attributes_type": "expected a JSON object, got something else",
+    "json_invalid": "expected JSON, got something else",
+}
+"""What is said of requests in place of pydantic's words, by its types of errors."""
+
+
+def _wrong(fault: Mapping[str, Any]) -> str:
+    """What is wrong with a field of a request."""
+    return WRONG.get(str(fault["type"]), str(fault["msg"]))
 
 
 MOST_TOLD = 300
@@ -306,7 +326,9 @@ def _results(parts: Parts) -> APIRouter:
         job = _done(await _ended(parts, _number(desk, number), wait_s))
         result = job.result
         if result is None or result.verdict is None or result.recipe is None:
-            raise HTTPException(404, f"job {job.number} had no recipe")
+            raise HTTPException(
+                404, f"job {job.number}: expected a verdict, got none: the scan named no recipe"
+            )
         return VerdictInfo(
             number=job.number, recipe=result.recipe, verdict=result.verdict, checks=result.checks
         )

@@ -209,8 +209,9 @@ class Desk:
         """Refuse what cannot be done, before it waits."""
         check_frame(self.rig, request, request.frame)
         if request.recipe is not None and not self.store.recipe(request.recipe).is_file():
-            known = ", ".join(self.store.recipes()) or "none"
-            raise InputError(f"recipe: expected one of {known}, got {request.recipe}")
+            known = ", ".join(self.store.recipes())
+            expected = f"one of {known}" if known else "one in recipes/, which holds none"
+            raise InputError(f"recipe: expected {expected}, got {request.recipe}")
         if isinstance(request, MeasureRequest) and not self.store.capture(request.scan).is_dir():
             raise InputError(
                 f"scan: the frames of {request.scan} are not there; scan with keep_frames"

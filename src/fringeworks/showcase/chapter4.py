@@ -39,24 +39,26 @@ PARTS: dict[str, dict[str, str]] = {
     "Parts 4 to 6: the parabola by each method": {
         "4_15_parabola": "Figure 4.15: the artificial parabola.",
         "4_16_ifa": "Figure 4.16: the parabola by IFA.",
-        "4_17_ifa_error": "Figure 4.17: its error.",
-        "4_18_ifa_absolute_error": "Figure 4.18: its absolute error.",
+        "4_17_ifa_error": "Figure 4.17: error of IFA.",
+        "4_18_ifa_absolute_error": "Figure 4.18: absolute error of IFA.",
         "4_19_sifa": "Figure 4.19: the parabola by spline IFA.",
-        "4_20_sifa_error": "Figure 4.20: its error.",
-        "4_21_sifa_absolute_error": "Figure 4.21: its absolute error.",
+        "4_20_sifa_error": "Figure 4.20: error of spline IFA.",
+        "4_21_sifa_absolute_error": "Figure 4.21: absolute error of spline IFA.",
         "4_22_gsifa": "Figure 4.22: the parabola by global spline IFA.",
-        "4_23_gsifa_error": "Figure 4.23: its error.",
-        "4_24_gsifa_absolute_error": "Figure 4.24: its absolute error.",
+        "4_23_gsifa_error": "Figure 4.23: error of global spline IFA.",
+        "4_24_gsifa_absolute_error": "Figure 4.24: absolute error of global spline IFA.",
         "4_24a_exact": "Not in the dissertation: the parabola by the exact inversion.",
-        "4_24b_exact_error": "Not in the dissertation: its error.",
-        "4_24c_exact_absolute_error": "Not in the dissertation: its absolute error.",
+        "4_24b_exact_error": "Not in the dissertation: error of the exact inversion.",
+        "4_24c_exact_absolute_error": "Not in the dissertation: absolute error of the exact "
+        "inversion.",
     },
     "All methods": {
         "4_24_errors_gamma_1": "Figure 4.24, as the dissertation numbers it a second time: the "
         "errors of all methods.",
-        "4_25_absolute_errors_gamma_1": "Figure 4.25: their absolute errors.",
-        "4_24_errors_gamma_2_2": "The same at γ = 2.2, the response straightened.",
-        "4_25_absolute_errors_gamma_2_2": "Its absolute errors.",
+        "4_25_absolute_errors_gamma_1": "Figure 4.25: the absolute errors of all methods.",
+        "4_24_errors_gamma_2_2": "The errors at γ = 2.2, the response straightened.",
+        "4_25_absolute_errors_gamma_2_2": "The absolute errors at γ = 2.2, the response "
+        "straightened.",
         "4_26_errors_gamma_2_2_not_straightened": "At γ = 2.2 as published, on the curved "
         "response (straighten=False).",
         "table_4_1_comparison": "Table 4.1 as bars: the mean absolute error that is published, and "
@@ -76,6 +78,11 @@ COLUMNS = (
     "failed_fraction",
 )
 """Columns of table 4.1 that differ between its rows; the files have all."""
+
+
+def printed(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The rows of table 4.1 with the columns that a reader compares."""
+    return [{name: row[name] for name in COLUMNS} for row in rows]
 
 
 def chapters(
@@ -98,7 +105,7 @@ def chapters(
         found.append(Chapter(title, pictures))
     blocks: tuple[Block, ...] = (
         dict_table(
-            [{name: row[name] for name in COLUMNS} for row in rows],
+            printed(rows),
             "Errors of the parabola, published and here",
         ),
         *(Text(paragraph) for paragraph in caption),

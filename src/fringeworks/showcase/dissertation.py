@@ -20,17 +20,19 @@ from fringeworks.report.drawing import Figure, need_plots
 from fringeworks.report.page.html import page_html
 from fringeworks.report.page.pdf import write_pdf
 from fringeworks.report.tables import TableFormat, format_table
-from fringeworks.showcase.chapter4 import TITLE, chapters
+from fringeworks.showcase.chapter4 import TITLE, chapters, printed
 from fringeworks.simulate.fringes import deformed_row
 from fringeworks.simulate.objects import make_object, parabola_1d
 from fringeworks.simulate.scene import standard_scene
-from fringeworks.types import FloatMap, Pair, ReferencePlaneGeometry, made_by
+from fringeworks.types import FloatMap, InputError, Pair, ReferencePlaneGeometry, made_by
 
 METHODS = ("ifa", "sifa", "gsifa", "exact")
 PUBLISHED_MM = {"ifa": (0.3149, 0.3655), "sifa": (0.0390, 0.1577), "gsifa": (0.0023, 0.0188)}
 """Mean and standard deviation of the parabola's error, table 4.1 of the dissertation."""
 ROW_GEOMETRY = ReferencePlaneGeometry(distance_mm=800.0, baseline_mm=300.0)
 """Geometry of the one-dimensional experiment, mm, as the dissertation prints it."""
+KINDS = ("svg", "pdf", "png")
+"""Formats of the figures."""
 GAMMAS = (1.0, 2.2)
 """Exponents of the response: the dissertation calls its case ideal, but its files carry 2.2
 (theory §3)."""
@@ -57,7 +59,12 @@ Progress = Callable[[str], None]
 
 
 def write_paper(
-    out: StrPath, *, size: int = 1000, force: bool = False, progress: Progress = lambda _: None
+    out: StrPath,
+    *,
+    size: int = 1000,
+    kind: str = "svg",
+    force: bool = False,
+    progress: Progress = lambda _: None,
 ) -> list[Path]:
     """Make every figure of the dissertation's chapter 4 and its table 4.1, and a report of both.
 
@@ -67,6 +74,8 @@ def write_paper(
         Folder; new, empty, or an earlier result, which is replaced as a whole.
     size : int
         Side of the two-dimensional scenes, px; 1000 is the standard.
+    kind : "svg", "pdf" or "png"
+        Format of the figures. LaTeX takes PDF.
     force : bool
         Write into a folder with other things in it, too.
     progress : callable
@@ -75,7 +84,13 @@ def write_paper(
     Returns
     -------
     Paths of all files written.
+
+    Raises
+    ------
+    InputError for another format, and a folder with other things in it.
     """
+    if kind not in KINDS:
+        raise InputError(f"kind: expected one of {', '.join(KINDS)}, got {kind!r}")
     need_plots("the figures of the dissertation")
     written: list[Path] = []
     drawn: dict[str, Figure] = {}
@@ -84,19 +99,25 @@ def write_paper(
 
         def keep(path: Path) -> None:
             written.append(path)
-            progress(path.stem)
+            progress(path.name)
 
         def save(name: str, figure: Figure) -> None:
             drawn[name] = figure
-            place = writer.file(f"{name}.svg")
+            place = writer.file(f"{name}.{kind}")
             keep(figures.save_figure(figure, place, provenance=origin))
 
         _part_1_and_3(save)
         _part_2(save, size)
         rows = _parts_4_to_6(save, size)
-        styles: dict[str, TableFormat] = {"md": "markdown", "csv": "csv", "json": "json"}
+        styles: dict[str, TableFormat] = {
+            "md": "markdown",
+            "csv": "csv",
+            "json": "json",
+            "tex": "latex",
+        }
         for suffix, style in styles.items():
-            keep(write_text(writer.file(f"table_4_1.{suffix}"), format_table(rows, style)))
+            shown = printed(rows) if style in ("markdown", "latex") else rows
+            keep(write_text(writer.file(f"table_4_1.{suffix}"), format_table(shown, style)))
         keep(write_text(writer.file("table_4_1_caption.md"), CAPTION))
         parts = chapters(drawn, rows, CAPTION_PARAGRAPHS)
         keep(write_text(writer.file("chapter4.html"), page_html(TITLE, parts, origin)))
@@ -132,14 +153,14 @@ def _part_1_and_3(save: Save) -> None:
         ),
     )
     capture = Pair(row.reference[None, :], row.object[None, :], axis="x", geometry=ROW_GEOMETRY)
-    heights: dict[str, FloatMap] = {"object": row.height_mm}
+    heights: dict[str, FloatMap] = {"true": row.height_mm}
     for method in ("gsifa", "exact"):
         heights[method] = reconstruct(capture, method).surface.values[0]
     save(
         "4_14_calculated_height",
         figures.rows("Calculated and true height", heights, y_label="height / mm"),
     )
-    errors = {name: h - row.height_mm for name, h in heights.items() if name != "object"}
+    errors = {name: h - row.height_mm for name, h in heights.items() if name != "true"}
     save(
         "4_14b_height_error",
         figures.rows("Error of the calculated height", errors, y_label="error / mm"),
@@ -189,7 +210,7 @@ def _parts_4_to_6(save: Save, size: int) -> list[Row]:
         ["parabola"], [*METHODS, "fourier", "windowed"], gammas=GAMMAS, size=size, on_result=keep
     )
     for gamma in GAMMAS:
-        chosen = {name: maps[gamma][name] for name in METHODS}
+        chosen = {_name(method): maps[gamma][method] for method in METHODS}
         tag = f"gamma_{gamma:g}".replace(".", "_")
         save(
             f"4_24_errors_{tag}",
@@ -226,7 +247,7 @@ def _not_straightened(save: Save, size: int) -> list[Row]:
         settings = {"gamma": gamma, "noise": 0.0, "bits": 0, "fringes": 10.0}
         rows.append({"object": "parabola", "method": method, **settings, **found})
         rows[-1]["straightened"] = False
-        maps[method] = error_map(result.surface, scene.truth_mm)
+        maps[_name(method)] = error_map(result.surface, scene.truth_mm)
     tag = f"gamma_{gamma:g}".replace(".", "_")
     save(
         f"4_26_errors_{tag}_not_straightened",
@@ -241,17 +262,22 @@ def _per_method(
     number = {"ifa": 16, "sifa": 19, "gsifa": 22}.get(method)
     # The dissertation has no figures of the exact inversion; ours follow under letters.
     stems = [f"4_{number + k}" for k in range(3)] if number else ["4_24a", "4_24b", "4_24c"]
-    name = method.upper() if number else method
+    name = _name(method)
     save(
         f"{stems[0]}_{method}",
         figures.perspective(f"Reconstructed parabola, {name}", result.surface.values, pitch=pitch),
     )
     title = f"Reconstruction error, {name}"
-    save(f"{stems[1]}_{method}_error", figures.error_maps(title, {name: errors}))
+    save(f"{stems[1]}_{method}_error", figures.error_maps(title, {"": errors}))
     save(
         f"{stems[2]}_{method}_absolute_error",
-        figures.error_maps(f"Absolute {title.lower()}", {name: errors}, absolute=True),
+        figures.error_maps(f"Absolute reconstruction error, {name}", {"": errors}, absolute=True),
     )
+
+
+def _name(method: str) -> str:
+    """A method as the dissertation writes it."""
+    return method.upper() if method in PUBLISHED_MM else method
 
 
 def _comparison(rows: list[Row]) -> Figure:
@@ -259,7 +285,7 @@ def _comparison(rows: list[Row]) -> Figure:
     names = list(PUBLISHED_MM)
     return figures.bars(
         "Mean absolute error of the parabola, γ = 1",
-        names,
+        [_name(name) for name in names],
         {
             "published": [PUBLISHED_MM[name][0] for name in names],
             "here": [ideal[name]["mean_abs_error_mm"] for name in names],

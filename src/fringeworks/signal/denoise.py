@@ -17,6 +17,7 @@ from fringeworks.types import (
     FloatMap,
     Frozen,
     InputError,
+    Plotted,
     positive,
     sealed,
     unmasked,
@@ -151,7 +152,7 @@ def envelope_mean(frame: FloatMap, window: int) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Decomposition(Frozen):
+class Decomposition(Plotted, Frozen):
     """The modes of a frame, from fast to slow, and the residue; their sum is the frame."""
 
     imfs: NDArray[np.float64]

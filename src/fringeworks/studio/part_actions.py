@@ -26,7 +26,15 @@ from fringeworks.studio.tasks import Source, compute, thinning_of
 from fringeworks.studio.workspace import CHECKS, Workspace
 from fringeworks.surface.clean import clean_cloud
 from fringeworks.surface.mesh import cloud_mesh
+from fringeworks.surface.relief import solid_relief
 from fringeworks.types import InputError, PointCloud
+
+TO_PRINT = (".stl", ".3mf")
+"""Formats of slicers: their meshes are solids on a plate."""
+PLATE_MM = 2.0
+"""Thickness of the plate, mm: several layers of a usual printer, so that it does not bend."""
+HOLE_PX = 500
+"""Largest hole that is filled in a solid, px: the spots and glints that docs/meshes.md fills."""
 
 
 def cloud_of(link: Link, source: Source) -> PointCloud:
@@ -75,16 +83,36 @@ class WriteMesh:
         """Write the mesh; the name of its file."""
         cloud = cloud_of(link, self.source)
         link.progress("connecting the points")
-        write_mesh(space.root / self.name, cloud_mesh(clean_cloud(cloud)))
+        clean = clean_cloud(cloud)
+        mesh = (
+            solid_relief(clean, plate_mm=PLATE_MM, fill_px=HOLE_PX)
+            if self._to_print
+            else cloud_mesh(clean)
+        )
+        write_mesh(space.root / self.name, mesh)
         return self.name
+
+    @property
+    def _to_print(self) -> bool:
+        """Whether the file is for a slicer."""
+        return Path(self.name).suffix in TO_PRINT
 
     def command(self, _: Any) -> Command:
         """What does the same."""
         cloud, measured = _cloud_file(self.source, Path(self.name).stem)
+        options, made = "", "mesh = fw.surface.cloud_mesh(fw.surface.clean_cloud(cloud))\n"
+        if self._to_print:
+            options = f"--plate {PLATE_MM:g} --fill {HOLE_PX} "
+            made = (
+                "mesh = fw.surface.solid_relief(\n"
+                f"    fw.surface.clean_cloud(cloud), plate_mm={PLATE_MM}, fill_px={HOLE_PX}\n)\n"
+            )
         return Command(
-            _lines(measured, f"fringeworks mesh {quoted(cloud)} --out {quoted(self.name)}"),
+            _lines(
+                measured, f"fringeworks mesh {quoted(cloud)} {options}--out {quoted(self.name)}"
+            ),
             f"cloud = {_points_in_python(self.source)}\n"
-            "mesh = fw.surface.cloud_mesh(fw.surface.clean_cloud(cloud))\n"
+            f"{made}"
             f"fw.files.write_mesh({self.name!r}, mesh)",
         )
 

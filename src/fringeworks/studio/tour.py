@@ -12,6 +12,7 @@ from fringeworks.files.setup import read_setup
 from fringeworks.serving.worker import Job
 from fringeworks.studio.bench import BY_ITSELF, VIRTUAL
 from fringeworks.studio.session import Session
+from fringeworks.studio.words import step_words
 from fringeworks.types import InputError
 from fringeworks.types.numbers import sigma_text
 
@@ -88,7 +89,7 @@ class Tour:
     def now(self) -> str:
         """What is being done, and for how long the tour has run, in words."""
         job = self._job
-        label = f"{job.label}, " if job is not None and job.open and job.label else ""
+        label = f"{step_words(job)}, " if job is not None and job.open and job.label else ""
         return f"{label}{time.monotonic() - self.began_s:.0f} s so far"
 
     def start(self) -> None:

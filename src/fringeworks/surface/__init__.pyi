@@ -18,6 +18,9 @@ from .mesh import (
     height_map_mesh as height_map_mesh,
     decimate as decimate,
 )
+from .relief import (
+    solid_relief as solid_relief,
+)
 from .form_geometry import (
     BodyKind as BodyKind,
 )

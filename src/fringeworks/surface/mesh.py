@@ -66,7 +66,7 @@ def cloud_mesh(cloud: PointCloud, *, fill_px: int = 0) -> TriangleMesh:
         raise InputError(f"fill_px: expected 0 or more, got {fill_px}")
     filled = np.zeros(cloud.shape, bool)
     if fill_px:
-        cloud, filled = _fill(cloud, fill_px)
+        cloud, filled = fill_holes(cloud, fill_px)
     faces = cloud_triangles(cloud)
     if not len(faces):
         raise InputError("cloud: expected neighbouring points, got none", findings=cloud.findings)
@@ -238,10 +238,10 @@ def vertex_normals(vertices: FloatMap, faces: NDArray[np.uint32]) -> FloatMap:
     return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300))
 
 
-def _fill(cloud: PointCloud, fill_px: int) -> tuple[PointCloud, BoolMap]:
+def fill_holes(cloud: PointCloud, fill_px: int) -> tuple[PointCloud, BoolMap]:
     """The cloud with its small holes filled, and which pixels were."""
     if cloud.placement is not None:
-        within, filled = _fill(cloud.in_camera(), fill_px)
+        within, filled = fill_holes(cloud.in_camera(), fill_px)
         T = cloud.placement.T_frame_camera
         xyz = np.where(filled[..., None], within.xyz_mm @ T[:3, :3].T + T[:3, 3], cloud.xyz_mm)
         return replace(cloud, xyz_mm=xyz.astype(np.float32), reason=within.reason), filled

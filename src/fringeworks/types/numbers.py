@@ -17,6 +17,8 @@ MOST_DECIMALS = 9
 """Decimals of a number; smaller ones are written with a power of ten. A nanometre in metres."""
 UNKNOWN = "–"
 """What stands for a number that is not known."""
+SHARE = "share"
+"""In place of a unit: the number is a share, which is shown as percent."""
 MINUS = "−"
 """The sign of negative numbers, which is as wide as a digit."""
 
@@ -38,7 +40,7 @@ def number(
     sigma : float, optional
         Its standard deviation. Without one, the value has ``digits`` significant digits.
     unit : str
-        Put after the value.
+        Put after the value; ``SHARE`` shows it as percent.
     digits : int
         Significant digits of a value without a standard deviation.
     signed : bool
@@ -55,6 +57,8 @@ def number(
     """
     if value is None or not math.isfinite(value):
         return UNKNOWN
+    if unit == SHARE:
+        return percent(value)
     if sigma is not None and math.isfinite(sigma) and sigma > 0:
         text = _fixed(value, decimals(sigma), signed)
     elif value == 0:
@@ -103,9 +107,20 @@ def percent(share: float | None) -> str:
     return f"{100.0 * share:.{digits}f} %"
 
 
-def limit(value: float | None) -> str:
-    """Return a limit as somebody wrote it: all of its digits."""
-    return UNKNOWN if value is None else f"{value:.12g}".replace("-", MINUS)
+def limit(value: float | None, unit: str = "") -> str:
+    """Return a limit as somebody wrote it: all of its digits.
+
+    Examples
+    --------
+    >>> limit(79.9, "mm"), limit(0.95, SHARE)
+    ('79.9 mm', '95 %')
+    """
+    if value is None:
+        return UNKNOWN
+    if unit == SHARE:
+        value, unit = 100.0 * value, "%"
+    text = f"{value:.12g}".replace("-", MINUS)
+    return f"{text} {unit}" if unit else text
 
 
 def decimals(value: float, digits: int = SIGMA_DIGITS) -> int:

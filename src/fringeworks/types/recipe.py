@@ -13,6 +13,7 @@ from fringeworks.types.area import Area
 from fringeworks.types.checks import finite
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
+from fringeworks.types.numbers import SHARE
 from fringeworks.types.points import TriangleMesh
 from fringeworks.types.rig import Rig
 from fringeworks.types.uncertainty import StatedUncertainty
@@ -111,6 +112,8 @@ UNITS: Mapping[str, str] = MappingProxyType(
     | {"volume": "mm³", "angle": "°", "valid_share": ""}
 )
 """Units of the quantities."""
+SHARES = frozenset({"valid_share"})
+"""Quantities that are shares: 0…1 in files, percent where they are shown."""
 FROM_MODEL = frozenset(
     {
         "deviation_mean",
@@ -231,6 +234,10 @@ class PartTolerance(Frozen):
         if self.nominal is not None or self.low is None or self.high is None:
             return self.nominal
         return 0.5 * (self.low + self.high)
+
+    def unit(self, measured: str = "") -> str:
+        """The unit in which its numbers are shown: of its value where there is one."""
+        return SHARE if self.quantity in SHARES else measured or UNITS[self.quantity]
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -30,8 +30,9 @@ from fringeworks.report.page.parts import (
 from fringeworks.report.page.surfaces import surface_block
 from fringeworks.report.sheets import titled
 from fringeworks.report.summary import summarise, told
-from fringeworks.types import HeightMap, PartTolerance
-from fringeworks.types.numbers import UNKNOWN, limit, number, percent, sigma_text
+from fringeworks.report.verdicts import allowed
+from fringeworks.types import HeightMap, PartTolerance, Provenance, day
+from fringeworks.types.numbers import SHARE, UNKNOWN, limit, number, percent, sigma_text
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
@@ -86,12 +87,12 @@ def words(inspection: Inspection, _: dict[str, Any]) -> Iterator[Word]:
 
 def _row(check: Check) -> list[str]:
     one = check.tolerance
-    low, high = ("" if v is None else limit(v) for v in (one.low, one.high))
+    unit = one.unit(check.unit)
     return [
         one.name,
-        number(check.value, check.sigma, check.unit),
-        sigma_text(check.sigma),
-        f"{low} … {high}",
+        number(check.value, check.sigma, unit),
+        sigma_text(check.sigma) if unit != SHARE else UNKNOWN,
+        allowed(one, check.unit),
         f"{check.verdict}: {check.why}" if check.why else check.verdict,
     ]
 
@@ -112,7 +113,9 @@ def chapter(result: Inspection, context: Context) -> Chapter:
         ("measured pixels", percent(1.0 - surface.failed_fraction)),
         ("median σ of a pixel", _usual_sigma(result)),
         ("risk of a wrong decision", percent(recipe.risk)),
+        ("measured", _day_of(surface.provenance)),
         ("recipe", f"sha256 {recipe_hash(recipe)}"),
+        ("rig", _rig_of(surface.provenance)),
     ]
     caption = "The part; pixels outside the recipe's area are left out."
     return Chapter(
@@ -129,6 +132,17 @@ def chapter(result: Inspection, context: Context) -> Chapter:
             *provenance_block(surface.provenance),
         ),
     )
+
+
+def _day_of(origin: Provenance | None) -> str | None:
+    """When the part was measured."""
+    return day(origin.date) if origin is not None and origin.date else None
+
+
+def _rig_of(origin: Provenance | None) -> str | None:
+    """The hash of the rig."""
+    known = origin is not None and origin.rig_sha256
+    return f"sha256 {origin.rig_sha256}" if origin is not None and known else None
 
 
 def _usual_sigma(result: Inspection) -> str:
@@ -155,9 +169,10 @@ def _tolerances(result: Inspection) -> tuple[Block, ...]:
 def _report_row(check: Check) -> tuple[str, ...]:
     one = check.tolerance
     what = f"{_said(one)}: {', '.join(one.areas)}{_under(one)}"
-    nominal, low, high = (limit(v) for v in (one.target, one.low, one.high))
-    value = number(check.value, check.sigma, check.unit)
-    wide = number(check.expanded, check.sigma, check.unit)
+    unit = one.unit(check.unit)
+    nominal, low, high = (limit(v, unit) for v in (one.target, one.low, one.high))
+    value = number(check.value, check.sigma, unit)
+    wide = number(check.expanded, check.sigma, unit) if unit != SHARE else UNKNOWN
     verdict = f"{check.verdict}: {check.why}" if check.why else check.verdict
     return one.name, what, nominal, low, high, value, wide, verdict
 

@@ -21,6 +21,8 @@ LEAST_FILLED = 0.25
 """Share of a last page from which on it is worth its paper."""
 SQUEEZES = (0.95, 0.9, 0.85, 0.8)
 """Factors of figures that are tried to spare a last page of few lines."""
+FITTED = (0.95, 0.9, 0.85, 0.8, 0.75)
+"""Factors of a page's figures that are tried to place one more on it: text of 10 points keeps 7."""
 POINTS_PER_MM = 72.0 / 25.4
 """Points, the unit of PDF, in a millimetre."""
 IMAGE_DPI = 220
@@ -119,20 +121,41 @@ Page = list[tuple[Box, float]]
 
 def _paged(boxes: Iterable[Box], room: float) -> list[Page]:
     """Boxes on as many pages as they need."""
-    pages: list[Page] = [[]]
-    down = 0.0
+    pages: list[list[Box]] = []
+    given: list[Box] = []  # of the last page, as they were before figures were fitted
     for group in _groups(boxes):
-        tall = sum(box.before + box.height for box in group)
-        if pages[-1] and down + tall > room:
-            pages.append([])
-            down = 0.0
-            if group[0].head is not None:
-                group = [group[0].head, *group]
-        for box in group:
-            down += box.before if pages[-1] else 0.0
-            pages[-1].append((box, down))
-            down += box.height
-    return pages
+        wanted = [*given, *group]
+        fitting = _fitting(wanted, room, any(box.squeeze for box in group))
+        if given and fitting is not None:
+            pages[-1], given = fitting, wanted
+            continue
+        # A group that is higher than a page stands on one alone.
+        head = group[0].head if given else None
+        given = group if head is None else [head, *group]
+        pages.append(given)
+    return [_placed(page) for page in pages] or [[]]
+
+
+def _fitting(boxes: list[Box], room: float, squeezed: bool) -> list[Box] | None:
+    """The boxes as they fit on a page, their figures smaller where need be; None if they do not."""
+    if _filled(_placed(boxes)) <= room:
+        return boxes
+    for factor in FITTED if squeezed else ():
+        tried = [box.squeeze(factor) if box.squeeze else box for box in boxes]
+        if _filled(_placed(tried)) <= room:
+            return tried
+    return None
+
+
+def _placed(boxes: Iterable[Box]) -> Page:
+    """Boxes below each other from the top of a page."""
+    page: Page = []
+    down = 0.0
+    for box in boxes:
+        down += box.before if page else 0.0
+        page.append((box, down))
+        down += box.height
+    return page
 
 
 def _filled(page: Page) -> float:

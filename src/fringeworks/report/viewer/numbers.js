@@ -7,6 +7,7 @@ const BINS = 120;
 const ENDS = [0.002, 0.998];
 // σ has a long tail at rims, which would turn the rest into one colour.
 const ENDS_OF = { signed: [0.02, 0.98], spread: [0, 0.98] };
+const SIGMA_MEDIANS = 4; // most medians of σ at the end of its scale, as in maps.py
 const SIGMA_DIGITS = 2; // significant digits of a σ, which decide the last digit of its value
 const PLAIN_DIGITS = 3; // significant digits of a value without a σ
 const MOST_DECIMALS = 7;
@@ -39,7 +40,10 @@ export function spread(values, scale, given) {
   const ends = given ?? (ENDS_OF[scale] ?? ENDS).map((share) => quantile(some, share) || 0);
   let [low, high] = ends;
   if (scale === "signed") [low, high] = [-1, 1].map((side) => side * Math.max(-low, high));
-  if (scale === "spread" && !given) low = 0;
+  if (scale === "spread" && !given) {
+    const usual = SIGMA_MEDIANS * quantile(some, 0.5);
+    [low, high] = [0, usual > 0 ? Math.min(high, usual) : high];
+  }
   if (!(high > low)) [low, high] = [low - 0.5, low + 0.5];
   const bins = Array.from({ length: BINS }, () => 0);
   for (const v of some) if (v >= low && v < high) bins[(BINS * (v - low)) / (high - low) | 0]++;

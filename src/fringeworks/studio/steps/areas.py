@@ -13,8 +13,8 @@ from fringeworks.serving.worker import Job
 from fringeworks.studio.steps.parts import Step, checked, disclosure, named, work
 from fringeworks.studio.steps.parts import number as number_field
 from fringeworks.types import Area, InputError, PartTolerance
-from fringeworks.types.numbers import limit, number, sigma_text
-from fringeworks.types.recipe import FROM_MODEL, QUANTITIES
+from fringeworks.types.numbers import SHARE, UNKNOWN, limit, number, sigma_text
+from fringeworks.types.recipe import FROM_MODEL, QUANTITIES, SHARES, UNITS
 
 EVERYWHERE = "everywhere"
 """Choice for measuring the whole frame."""
@@ -28,7 +28,7 @@ ENDS = ("first column", "first row", "last column", "last row")
 """Numbers of a box."""
 MOST_PX = 100_000
 """Largest column or row that can be typed."""
-COLUMNS = ("Tolerance", "Value", "± σ", "Unit", "Limits", "Verdict")
+COLUMNS = ("Tolerance", "Value", "± σ", "Limits", "Verdict")
 """Columns of the verdicts."""
 
 
@@ -277,7 +277,7 @@ class Areas:
         recipe = self._studio.recipes.shown
         for one in recipe.tolerances:
             with ui.row().classes("items-center"):
-                ui.label(f"{one.name}: {_limits(one.low, one.high)}")
+                ui.label(f"{one.name}: {_limits(one.low, one.high, one.unit())}")
                 remove = self._step.attempt(partial(self._remove_tolerance, one.name))
                 button = ui.button("✕", on_click=remove).props("flat dense")
                 named(button, f"Delete {one.name}")
@@ -294,8 +294,7 @@ class Areas:
             other = ui.select(names_of_areas, value=names_of_areas[0], label="Base, or other area")
             other.classes("fw-field")
             other.bind_visibility_from(quantity, "value", lambda v: QUANTITIES[v] > 1)
-            low = ui.number("Smallest").classes("fw-narrow")
-            high = ui.number("Largest").classes("fw-narrow")
+            low, high = _ends(quantity)
 
             def add() -> None:
                 on = (area.value, other.value)[: QUANTITIES[quantity.value]]
@@ -335,15 +334,32 @@ class Areas:
             _row("th", COLUMNS)
             for check in result["checks"]:
                 why = f": {check['why']}" if check["why"] else ""
+                share = check["quantity"] in SHARES
+                unit = SHARE if share else check["unit"]
                 cells = (
                     check["name"],
-                    number(check["value"], check["sigma"]),
-                    sigma_text(check["sigma"]),
-                    check["unit"],
-                    _limits(check["smallest"], check["largest"]),
+                    number(check["value"], check["sigma"], unit),
+                    UNKNOWN if share else sigma_text(check["sigma"], unit),
+                    _limits(check["smallest"], check["largest"], unit),
                     check["verdict"] + why,
                 )
                 _row("td", cells)
+
+
+def _ends(quantity: ui.select) -> tuple[ui.number, ui.number]:
+    """Fields of the limits, with the unit of the quantity that is chosen."""
+    names = "Smallest", "Largest"
+    low, high = (ui.number(name).classes("fw-narrow") for name in names)
+
+    def said() -> None:
+        chosen = str(quantity.value)
+        unit = "0…1" if chosen in SHARES else UNITS[chosen]
+        for field, name in zip((low, high), names, strict=True):
+            field.props["label"] = f"{name}, {unit}"
+
+    quantity.on_value_change(said)
+    said()
+    return low, high
 
 
 def _row(kind: str, texts: Sequence[str]) -> None:
@@ -354,9 +370,9 @@ def _row(kind: str, texts: Sequence[str]) -> None:
                 ui.label(text)
 
 
-def _limits(low: float | None, high: float | None) -> str:
+def _limits(low: float | None, high: float | None, unit: str) -> str:
     parts = [
-        f"{words} {limit(value)}"
+        f"{words} {limit(value, unit)}"
         for words, value in (("at least", low), ("at most", high))
         if value is not None
     ]

@@ -7,7 +7,8 @@ from functools import partial
 from nicegui import ui
 
 from fringeworks.serving.worker import Job
-from fringeworks.studio.steps.parts import Step, commands, empty, work
+from fringeworks.studio.places import Place
+from fringeworks.studio.steps.parts import Step, commands, empty, place_link, work
 
 FORMATS = {
     "PLY, points": (".ply", "points"),
@@ -24,9 +25,11 @@ OF_POINTS = {
     "E57": (".e57", ""),
     "LAS": (".las", ""),
 }
-MESHES = {"STL, to print": ".stl", "OBJ": ".obj", "3MF": ".3mf", "GLB": ".glb"}
-"""Meshes of points in the order of a frame's pixels."""
 """Further formats of points."""
+MESHES = {"STL, to print": ".stl", "3MF, to print": ".3mf", "OBJ": ".obj", "GLB": ".glb"}
+"""Meshes of points in the order of a frame's pixels."""
+LATEST = 3
+"""Captures that are offered to look at."""
 OF_HEIGHTS = {"TIFF": (".tif", ""), "X3P": (".x3p", ""), "GSF": (".gsf", "")}
 """Further formats of heights over a plane."""
 
@@ -36,6 +39,8 @@ def build(step: Step) -> None:
     studio, shown = step.studio, step.session.shown
     if shown is None or not shown.result:
         empty("Measure something in Look first; then it can be written.")
+        for name in studio.workspace.captures()[-LATEST:]:
+            place_link(f"Look at {name}", Place("look", name))
     else:
         ui.label(f"{shown.source}, as it is shown:")
         heights = "quantity" in shown.result["figures"]
@@ -47,6 +52,11 @@ def build(step: Step) -> None:
             for name, suffix in {} if heights else MESHES.items():
                 mesh = step.attempt(partial(studio.write_mesh, step.session, shown, suffix))
                 ui.button(name, on_click=mesh).props("outline no-caps")
+        if not heights:
+            ui.label(
+                "Files to print hold a solid that lies on its back on a plate of 2 mm. For all "
+                "sides of a part, merge views in Scan."
+            ).classes("fw-quiet")
 
     def written(job: Job) -> None:
         ui.download(f"/file/{job.result}", job.result)

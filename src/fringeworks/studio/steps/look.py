@@ -92,6 +92,8 @@ class _Look:
             ui.timer(SHOWN_S, self._draw, once=True)
         elif not sources:
             empty("There is nothing to look at yet: scan a part, or try a virtual one in Start.")
+        elif self._session.pending is None and not step.place.source:
+            empty("Choose a capture or a result above, and press Measure.")
 
     def _drawing(self) -> None:
         """Choose a drawing in the folder, and compare the part with it."""

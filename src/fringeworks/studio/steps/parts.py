@@ -18,6 +18,7 @@ from fringeworks.studio.places import Place
 from fringeworks.studio.plots import DARK_FOLDER
 from fringeworks.studio.session import Session
 from fringeworks.studio.state import Studio
+from fringeworks.studio.words import step_words
 from fringeworks.types import InputError, numbers
 
 UPDATE_S = 0.25
@@ -230,8 +231,9 @@ def _progress(job: Job) -> str:
     if job.state == "waiting":
         return f"{job.name}: waits for the work before it"
     left = "" if job.left_s is None else f", about {job.left_s:.0f} s left"
-    count = f" ({job.steps} of {job.total})" if job.total else ""
-    return f"{job.name}: {job.label}{count}{left}"
+    words = step_words(job)
+    count = f" ({job.steps} of {job.total})" if job.total and words == job.label else ""
+    return f"{job.name}: {words}{count}{left}"
 
 
 def finding_lines(figures: dict[str, Any]) -> list[tuple[str, bool]]:
@@ -282,8 +284,9 @@ def figures(values: dict[str, Any], names: dict[str, str]) -> None:
             value = values.get(key)
             if value is None:
                 continue
-            ui.label(name).classes("fw-quiet")
-            ui.label(_figure(name, value))
+            quantity, _, unit = name.partition(", ")
+            ui.label(quantity).classes("fw-quiet")
+            ui.label(f"{_figure(name, value)} {unit}".rstrip())
 
 
 def _figure(name: str, value: Any) -> str:

@@ -39,7 +39,7 @@ def _own(step: Step) -> None:
     place_link(words, Place(name))
     captures = [name for name in studio.workspace.captures() if name != PART]
     if not captures:
-        empty("There is no capture in this folder yet.")
+        empty("There is no capture of a part of yours in this folder yet.")
         return
     ui.label("Captures in this folder").classes("fw-quiet")
     for name in captures[-LATEST:]:

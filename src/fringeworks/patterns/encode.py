@@ -76,24 +76,24 @@ def _grey(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
     top = 2**plan.bits - 1
     kind = np.uint8 if plan.bits <= 8 else np.uint16
     shape = (plan.height_px, plan.width_px)
-    for block in plan.blocks:
+    patterns = [(block, n) for block in plan.blocks for n in range(block.frames)]
+    for block, n in (patterns[k] for k in plan.order):
         down = not isinstance(block, Uniform) and block.axis == "y"
         position = np.arange(shape[0] if down else shape[1], dtype=np.float64)
-        for n in range(block.frames):
-            share = block.values(position, n) ** (1.0 / plan.gamma)
-            line = top * np.round(share, SHARE_DECIMALS)
-            picture = np.empty(shape, kind)
-            if plan.bits == 1:
-                lines = diffused(np.round(share, SHARE_DECIMALS), shape[1] if down else shape[0])
-                picture[...] = lines.T if down else lines
-            elif plan.dither:
-                across = line[:, None] if down else line
-                picture[...] = np.minimum(np.floor(across + _dither_thresholds(shape)), top)
-            else:
-                # One line is rounded, and repeated.
-                counts = np.minimum(np.floor(line + 0.5), top)
-                picture[...] = counts[:, None] if down else counts
-            yield picture
+        share = block.values(position, n) ** (1.0 / plan.gamma)
+        line = top * np.round(share, SHARE_DECIMALS)
+        picture = np.empty(shape, kind)
+        if plan.bits == 1:
+            lines = diffused(np.round(share, SHARE_DECIMALS), shape[1] if down else shape[0])
+            picture[...] = lines.T if down else lines
+        elif plan.dither:
+            across = line[:, None] if down else line
+            picture[...] = np.minimum(np.floor(across + _dither_thresholds(shape)), top)
+        else:
+            # One line is rounded, and repeated.
+            counts = np.minimum(np.floor(line + 0.5), top)
+            picture[...] = counts[:, None] if down else counts
+        yield picture
 
 
 def grey_pictures(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:

@@ -323,6 +323,6 @@ def _gray_coordinate(stack: Stack, axis: Axis, options: DecodeOptions) -> FloatM
         for first, block in plan.placed
         if isinstance(block, Uniform) or (isinstance(block, GrayCode) and block.axis == axis)
     ]
-    frames = [stack.frames[k] for first, block in kept for k in range(first, first + block.frames)]
+    frames = [stack.frames[plan.places[k + n]] for k, block in kept for n in range(block.frames)]
     alone = PatternPlan(plan.width_px, plan.height_px, tuple(block for _, block in kept))
     return decode(frames, alone, **options).maps[axis].coordinate_px.astype(np.float64)

@@ -329,11 +329,17 @@ def test_pictures_come_in_the_order_of_the_plan(tmp_path, both):
     stream = fw.stack.StreamingDecoder(plan)
     for frame in frames:
         stream.add(frame)
+    usual = fw.decode(seen(plain), plain)
     for found in (stream.result(), fw.stack.Decoder(plan, frames[0].shape).decode(frames)):
-        assert np.nanmax(np.abs(found.x.coordinate_px - COLUMN)) < 4.0
+        np.testing.assert_allclose(found.x.coordinate_px, usual.x.coordinate_px, atol=1e-3)
+        np.testing.assert_allclose(found.y.sigma_px, usual.y.sigma_px, rtol=0.02)
     assert len(fw.files.write_patterns(tmp_path / "p", plan)) == plan.frames
+
+
+def test_moving_scenes_take_the_most_significant_bit_first():
+    plan = with_words(MIXED, least_first=True)
     with pytest.raises(fw.InputError, match="expected a plan without least_first"):
-        list(fw.stack.decode_sequence([*frames, *frames], plan))
+        fw.stack.SequenceDecoder(plan)
 
 
 @pytest.mark.parametrize(

@@ -255,7 +255,9 @@ ORDERS = [
 ]
 
 
-@pytest.mark.parametrize(("plan", "order", "words", "advice"), ORDERS)
+@pytest.mark.parametrize(
+    ("plan", "order", "words", "advice"), ORDERS, ids=[str(k) for k in range(len(ORDERS))]
+)
 def test_orders_of_other_programs_are_named(plan, order, words, advice):
     with pytest.raises(fw.FramesContradictPlan) as error:
         fw.decode(order(*parts(plan)), plan)
@@ -280,7 +282,7 @@ SAID = [
 ]
 
 
-@pytest.mark.parametrize(("plan", "order", "words"), SAID)
+@pytest.mark.parametrize(("plan", "order", "words"), SAID, ids=[str(k) for k in range(len(SAID))])
 def test_plans_say_the_orders_of_other_programs(tmp_path, plan, order, words):
     said = with_words(plan, **words)
     folder = save(tmp_path / "shots", order(*parts(plan)), plan=said)

@@ -111,15 +111,18 @@ def refuse_colours(plan: PatternPlan) -> None:
     """Refuse a plan with colours where frames are shown or taken in grey."""
     if plan.colours:
         raise InputError(
-            "plan: expected grey pictures here, got colours, which only single captures take, and "
-            "write_patterns draws for other programs"
+            "plan: expected grey pictures here, got colours; capture and live take them with "
+            "devices that show and see colours, and write_patterns draws them for other programs"
         )
 
 
 def thrown(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
-    """The pictures of a plan as they leave the projector, mirrored where the plan says so."""
+    """The pictures of a plan as they leave the projector, mirrored where the plan says so.
+
+    With ``colours``, as those of ``encode``.
+    """
     rows, columns = (slice(None, None, -1 if axis in plan.mirrored else 1) for axis in ("y", "x"))
-    for picture in grey_pictures(plan):
+    for picture in encode(plan):
         yield picture[rows, columns]
 
 

@@ -127,6 +127,14 @@ def test_counters_that_wrap(tmp_path, last):
     assert any("wrap" in f.seen for f in found.findings)
 
 
+@pytest.mark.parametrize("camera", ["P101", "101", "DSC0_101"])
+def test_digits_in_front_of_a_counter_do_not_wrap(tmp_path, camera):
+    numbers = [9997, 9998, 9999, 1, 2, 3, 4, 5]
+    found = fw.decode(save(tmp_path / "f", seen(SETS), [f"{camera}{n:04d}.png" for n in numbers]))
+    assert np.isfinite(found.x.coordinate_px).mean() > 0.99
+    assert any("wrap" in f.seen for f in found.findings)
+
+
 def test_a_copy_among_the_images_is_named(tmp_path):
     folder = save(tmp_path / "f", seen(SETS))
     Image.fromarray(seen(SETS)[2]).save(folder / "9.png")

@@ -105,6 +105,9 @@ class RigOptions:
         )
         return found, rig
 
+PRINTED = {"True": "true", "False": "false", "None": "null"}
+"""JSON of the values that ``methods`` prints in the words of Python."""
+
 
 @app.command(
     rich_help_panel=SECTION,
@@ -320,7 +323,8 @@ def _with_principal(
 
 
 def _method_options(method: str, settings: list[str]) -> dict[str, fw.pair.MethodOption]:
-    """``name=value`` pairs: words where the method expects one, numbers and lists else."""
+    """``name=value`` pairs: words where the method expects one, or else values as ``methods`` prints
+    them."""
     known = fw.pair.get_method(method).options
     options: dict[str, fw.pair.MethodOption] = {}
     for setting in settings:
@@ -331,10 +335,10 @@ def _method_options(method: str, settings: list[str]) -> dict[str, fw.pair.Metho
             options[name] = text
             continue
         try:
-            options[name] = json.loads(text)
+            options[name] = json.loads(PRINTED.get(text, text))
         except json.JSONDecodeError as error:
             raise fw.InputError(
-                f"--option {name}: expected a number or list, got {text!r}"
+                f"--option {name}: expected a number, a list, True, False or None, got {text!r}"
             ) from error
     return options
 

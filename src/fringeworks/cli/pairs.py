@@ -105,6 +105,7 @@ class RigOptions:
         )
         return found, rig
 
+
 PRINTED = {"True": "true", "False": "false", "None": "null"}
 """JSON of the values that ``methods`` prints in the words of Python."""
 
@@ -323,8 +324,8 @@ def _with_principal(
 
 
 def _method_options(method: str, settings: list[str]) -> dict[str, fw.pair.MethodOption]:
-    """``name=value`` pairs: words where the method expects one, or else values as ``methods`` prints
-    them."""
+    """``name=value`` pairs: words where the method expects one, values as ``methods`` prints them
+    else."""
     known = fw.pair.get_method(method).options
     options: dict[str, fw.pair.MethodOption] = {}
     for setting in settings:

@@ -21,6 +21,8 @@ from tests.test_texture import ball, linear, paint
 assert chromium
 assert ball
 
+pytestmark = pytest.mark.system
+
 SIZE = 400
 PAGE = """
 const data = "%s";

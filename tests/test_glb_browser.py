@@ -16,10 +16,9 @@ from PIL import Image
 
 import fringeworks as fw
 from tests.browser import chromium
-from tests.test_texture import ball, linear, paint
+from tests.painted_ball import cloud, linear, paint
 
 assert chromium
-assert ball
 
 pytestmark = pytest.mark.system
 
@@ -89,6 +88,11 @@ def expected_at(ball, shown):
     column = np.rint((place[:, 0] - middle_x) / half * SIZE / 2 + SIZE / 2 - 0.5).astype(int)
     row = np.rint((middle_y - place[:, 1]) / half * SIZE / 2 + SIZE / 2 - 0.5).astype(int)
     return row.clip(0, SIZE - 1), column.clip(0, SIZE - 1), paint(ball.shape)[ok]
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return cloud()
 
 
 @pytest.mark.parametrize("textured", [True, False])

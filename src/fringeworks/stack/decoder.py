@@ -126,10 +126,7 @@ class Decoder:
         self._shape, self._dtype = (shape[0], shape[1]), np.dtype(dtype)
         self._photographs: float | None = options.get("saturation")
         """Saturation of the photographs of a plan with colours; the type's where None."""
-        if plan.colours:
-            # Frames without crosstalk have a noise of 1 count, whatever that of the photographs.
-            options = {"noise": CameraNoise(1.0), **options, "saturation": UNMIXED_TOP}
-        self._options = options
+        self._options = options = _of_frames(plan, options)
         self._judge_every, self._since = judge_every, 0
         self._nominal = decodings_of(
             plan_with_light(plan), options.get("absolute", True), options.get("response")
@@ -379,6 +376,14 @@ class Decoder:
             )
         self._kernels = kernels_of(self._found)
         self._typical_px = {}
+
+
+def _of_frames(plan: PatternPlan, options: DecodeOptions) -> DecodeOptions:
+    """Options for the frames of a plan: those without crosstalk have a noise of 1 count, whatever
+    that of the photographs."""
+    if not plan.colours:
+        return options
+    return {"noise": CameraNoise(1.0), **options, "saturation": UNMIXED_TOP}
 
 
 def _ambiguous(reasons: Sequence[ByteMap]) -> int:

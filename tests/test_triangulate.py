@@ -424,7 +424,8 @@ def test_rigs_that_do_not_belong_are_refused_by_all_losses_together(what):
     """Each loss alone is common: light between surfaces, or a device that moved a little."""
     r = standard_rig(scale=0.2)
     view = look(r, bust())
-    seen = {axis: view.projector_px[..., k].astype(np.float32) for k, axis in enumerate("xy")}
+    lit = np.where(view.lit[..., None], view.projector_px, np.nan).astype(np.float32)
+    seen = {axis: np.ascontiguousarray(lit[..., k]) for k, axis in enumerate("xy")}
     if what == "other sensor":
         focal = tuple(1.4 * f for f in r.camera.focal_px)
         other = replace(r, camera=replace(r.camera, focal_px=focal))

@@ -186,7 +186,7 @@ def test_bad_frames(frames, case):
         (("reconstruct", "--reference", "good.png", "--object", "good.png", "--out", "no/such/x.tif"), "expected a writable folder"),
         (("reconstruct", "--reference", "good.png", "--object", "good.png", "--out", "x.doc"), "expected one of .tif"),
         (("reconstruct", "--reference", "good.png", "--object", "good.png", "--option", "n=3"), "it has scales"),
-        (("reconstruct", "--reference", "good.png", "--object", "good.png", "--option", "scales=x"), "expected a number or list"),
+        (("reconstruct", "--reference", "good.png", "--object", "good.png", "--option", "scales=x"), "expected a number, a list, True, False or None"),
         (("reconstruct", "--reference", "good.png", "--object", "good.png", "--distance-mm", "5"), "--baseline-mm"),
         (("simulate", "--out", "good.png"), "expected a folder"),
         (("simulate", "--shape", "teapot", "--out", "x"), "expected one of parabola"),

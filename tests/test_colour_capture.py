@@ -181,22 +181,82 @@ def test_devices_without_colours_say_so(tmp_path):
     grey = Grey(ProjectorModel(*SMALL), clock=SimulatedClock())
     with pytest.raises(fw.InputError, match="projector virtual shows no pictures in colour"):
         fw.capture(grey, camera, SMALL_PLAN, tmp_path / "a")
-    with pytest.raises(fw.InputError, match=r"several exposures \(HDR\), got colours"):
-        fw.scan.capture_hdr(shows, camera, SMALL_PLAN, tmp_path / "a", 2)
     two = [tmp_path / "a", tmp_path / "b"]
     for refused in (
-        lambda: fw.scan.capture_together(shows, [camera, camera], SMALL_PLAN, two),
-        lambda: next(live(shows, camera, SMALL_PLAN, SMALL_RIG)),
-        lambda: fw.devices.MemoryProjector(SMALL_PLAN),
+        lambda: fw.scan.capture_hdr(grey, camera, SMALL_PLAN, tmp_path / "a", 2),
+        lambda: fw.scan.capture_together(grey, [camera, camera], SMALL_PLAN, two),
+        lambda: next(live(grey, camera, SMALL_PLAN, SMALL_RIG)),
     ):
-        with pytest.raises(fw.InputError, match="expected grey pictures here, got colours"):
+        with pytest.raises(fw.InputError, match="projector virtual shows no pictures in colour"):
             refused()
+    greys = [camera, GreyCamera(camera)]
+    with pytest.raises(fw.DeviceProblem, match="virtual: expected a camera that sees colours"):
+        fw.scan.capture_together(shows, greys, SMALL_PLAN, two)
+    with pytest.raises(fw.InputError, match="the camera virtual delivers grey frames, got colours"):
+        next(live(shows, GreyCamera(camera), SMALL_PLAN, SMALL_RIG))
+    assert not any(path.exists() for path in two)
+    with pytest.raises(fw.InputError, match="expected grey pictures here, got colours"):
+        fw.devices.MemoryProjector(SMALL_PLAN)
     with pytest.raises(fw.InputError, match=r"expected frames of shape \(h, w\) or \(h, w, 3\)"):
         Grab(np.zeros((4, 4, 2), np.uint8), 0.0)
     with pytest.raises(fw.InputError, match="filters: expected three rows"):
         CameraModel(filters=((1.0, 0.2, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     with pytest.raises(fw.InputError, match="paint: expected shape"):
         RigScene(look(SMALL_RIG, bust()), paint=np.ones((4, 4, 3)))
+
+
+@pytest.mark.parametrize("seed", [21, 22])
+def test_live_points_in_colours_are_within_sigma(seed):
+    shows, camera = bench(seed=seed)
+    clouds = live(shows, camera, PLAN, RIG, judge_every=2)
+    judged = []
+    for _ in range(3):
+        cloud = next(clouds)
+        judged.append(cloud.judged)
+        assert_right(cloud.points)
+    clouds.close()
+    assert judged == [True, False, True]
+    assert camera.grab().pixels.ndim == 2
+
+
+def test_the_decoder_takes_photographs():
+    """As a capture on disk gives, and with the pixels that single photographs saturate."""
+    pictures = [frame for _, frame in fw.scan.take_frames(*small_bench(seed=5), SMALL_PLAN)]
+    decoder = fw.stack.Decoder(SMALL_PLAN, pictures[0].shape[:2])
+    usual = fw.decode(unmix(pictures, SMALL_PLAN)).x
+    again = decoder.decode(pictures).x
+    np.testing.assert_allclose(again.coordinate_px, usual.coordinate_px, atol=1e-3)
+    bright = [p.copy() for p in pictures]
+    bright[1][40:60, 50:70] = 255
+    reasons = decoder.decode(bright).x.reason[40:60, 50:70]
+    assert not np.any(reasons == fw.Reason.OK)
+    with pytest.raises(fw.FramesContradictPlan, match=r"the decoder is for uint8 .* 3\)"):
+        decoder.decode([p[..., 0] for p in pictures])
+
+
+def test_several_exposures_in_colours(tmp_path):
+    """A bust that is brighter than the short exposure needs, and darker than the long one."""
+    shows, camera = bench(seed=23)
+    times = [fw.devices.CameraSettings(exposure_ms=t) for t in (8.0, 24.0)]
+    taken = fw.scan.capture_hdr(shows, camera, PLAN, tmp_path / "hdr", times)
+    fused = fw.measure(taken, RIG).points
+    assert_right(fused)
+    assert camera.grab().pixels.ndim == 2
+    one = fw.measure(taken / "0", RIG).points
+    assert np.sum(fused.reason == 0) >= np.sum(one.reason == 0)
+    assert np.nanmedian(fused.sigma_mm) < np.nanmedian(one.sigma_mm)
+    both = (fused.reason == 0) & (one.reason == 0)
+    assert fused.colour.shape == (*RIG.camera.shape, 3)
+    share = fused.colour[both].sum(axis=-1) / one.colour[both].sum(axis=-1)
+    assert abs(np.median(share) - 1.0) < 0.02
+
+
+def test_several_cameras_in_colours(tmp_path):
+    shows, camera = bench(seed=24)
+    both = [tmp_path / "left", tmp_path / "right"]
+    taken = fw.scan.capture_together(shows, [camera, camera], PLAN, both)
+    for folder in taken:
+        assert_right(fw.measure(folder, RIG).points)
 
 
 def test_the_virtual_camera_sees_the_colours_that_are_shown():

@@ -10,8 +10,17 @@ import pytest
 from scipy import ndimage
 
 import fringeworks as fw
-from fringeworks.patterns.encode import thrown
+from fringeworks.patterns.encode import grey_pictures
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, equal_steps
+from fringeworks.simulate import (
+    Bayer,
+    Optics,
+    bust,
+    look,
+    photograph,
+    photograph_moving,
+    standard_rig,
+)
 from fringeworks.stack import unmix
 from tests.commands import run
 
@@ -219,7 +228,7 @@ def test_plans_that_do_not_fit_into_colours(blocks, options, words):
 
 def test_what_shows_or_takes_grey_pictures_says_so(tmp_path):
     with pytest.raises(fw.InputError, match="expected grey pictures here, got colours"):
-        next(thrown(PLAN))
+        next(grey_pictures(PLAN))
     with pytest.raises(fw.InputError, match="takes all three"):
         fw.files.write_stack(tmp_path / "s", photographs(PLAN, 11), PLAN)
         fw.files.read_stack(tmp_path / "s", channels="g")
@@ -239,3 +248,46 @@ def test_proposals_in_colours(tmp_path):
     run("plan", *size, "--colours", "--out", out)
     assert fw.files.read_plan(out) == found[0].plan
     assert math.isclose(found[0].sigma_px, fw.propose(1920, 1080, 8, colours=True)[0].sigma_px)
+
+
+@pytest.mark.parametrize("painted", [False, True])
+@pytest.mark.parametrize("options", [{}, {"gamma": 2.2}, {"bits": 12}, {"jpeg": 95}], ids=str)
+def test_photographs_of_the_virtual_rig(tmp_path, painted, options):
+    """A bust, bare and painted, by a camera of three sensors."""
+    rig = standard_rig(scale=0.2)
+    size = (rig.projector.width_px, rig.projector.height_px)
+    gamma = options.get("gamma", 1.0)
+    plan = PatternPlan(*size, sets("x", 18.0, 94.0, size[0]), gamma=gamma, colours=True)
+    view = look(rig, bust())
+    rows, columns = np.indices(view.albedo.shape)
+    waves = [0.6 + 0.35 * np.sin(columns / 17 + 2 * k) * np.cos(rows / 23 - k) for k in range(3)]
+    colours = np.stack(waves, axis=-1) if painted else None
+    optics = Optics(exposure=0.85, noise=1.0, gain=0.03, seed=31, **options)
+    taken = list(photograph(view, plan, optics, paint=colours))
+    assert len(taken) == plan.pictures
+    found = fw.decode(fw.files.write_stack(tmp_path / "shots", taken, plan)).x
+    error = (found.coordinate_px - view.projector_px[..., 0])[view.lit]
+    ratio = np.abs(error / found.sigma_px[view.lit])
+    ok = np.isfinite(error)
+    assert ok.mean() > 0.7
+    assert 0.66 < np.mean(ratio[ok] < 1.0) < 0.78
+    assert np.mean(ratio[ok] < 2.0) > 0.94
+    assert np.mean(np.abs(error[ok]) > 6.0) < 1e-4
+
+
+def test_simulations_that_make_no_sense_are_refused():
+    rig = standard_rig(scale=0.1)
+    view = look(rig, bust())
+    size = (rig.projector.width_px, rig.projector.height_px)
+    plan = PatternPlan(*size, sets("x", 18.0, 94.0), colours=True)
+    grey = replace(plan, colours=False)
+    with pytest.raises(fw.InputError, match="bayer: expected None for a plan with colours"):
+        next(photograph(view, plan, Optics(bayer=Bayer())))
+    with pytest.raises(fw.InputError, match="paint: expected shape"):
+        next(photograph(view, plan, paint=np.ones((4, 4, 3))))
+    with pytest.raises(fw.InputError, match="paint: expected a plan with colours"):
+        next(photograph(view, grey, paint=np.ones((*view.albedo.shape, 3))))
+    with pytest.raises(fw.InputError, match="filters: expected three rows of three shares"):
+        Optics(filters=((1.0, 0.0, 0.1), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    with pytest.raises(fw.InputError, match="expected grey pictures here, got colours"):
+        next(photograph_moving([view], plan))

@@ -18,6 +18,8 @@ from fringeworks.cli import output
 from fringeworks.cli.commands import run
 from fringeworks.files.findings import findings_as_json, findings_from_json
 from fringeworks.patterns import PhaseSteps, equal_steps
+from fringeworks.rig.calibration.board import Board
+from fringeworks.rig.calibration.diagnosis import unit_findings
 from fringeworks.serving.worker import _answer
 from fringeworks.simulate.bodies import Plane
 from fringeworks.simulate.optics import Optics
@@ -292,3 +294,28 @@ def test_the_studio_shows_the_cause_above_the_refusal():
     state, said = _answer(None, refused, ())
     assert state == "failed"
     assert said.splitlines() == [ERROR.line, NOTE.line, "expected points, got none"]
+
+
+@pytest.mark.parametrize(
+    ("pitch", "distance", "words"),
+    [
+        (0.025, 0.6, "metres, all lengths are 1000 times too small"),
+        (0.04, 1.1, "metres, all lengths are 1000 times too small"),
+        (2.5, 55.0, "cm or inches, all lengths are 10 or 25.4 times too small"),
+        (0.787, 19.0, "cm or inches"),
+        (25.0, 600.0, None),
+        (10.0, 120.0, None),
+        (3.0, 300.0, None),
+    ],
+)
+def test_a_board_in_another_unit_is_named(pitch, distance, words):
+    poses = []
+    for k in range(5):
+        pose = np.eye(4)
+        pose[2, 3] = distance * (1.0 + 0.1 * k)
+        poses.append(pose)
+    found = unit_findings(Board("chessboard", 9, 6, pitch), poses)
+    assert [f.kind for f in found] == (["unit"] if words else [])
+    if words:
+        assert words in found[0].seen
+        assert "give the board's size in mm" in found[0].text

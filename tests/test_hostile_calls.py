@@ -44,6 +44,7 @@ ELSEWHERE = {
         "widened_frame",
     ),
     "test_nelson": ("append_check",),
+    "test_photograph_colours": ("colour_by_photograph",),
     "test_scan_until": ("scan_until", "next_step", "capture_series"),
     "test_rig_watch": ("watch_rig", "epipolar_evidence", "judge_scans", "append_watch_log"),
     "test_certificate": ("certify", "plan_positions", "check_positions"),

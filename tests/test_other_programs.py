@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -126,6 +127,14 @@ def test_counters_that_wrap(tmp_path, last):
     assert any("wrap" in f.seen for f in found.findings)
 
 
+@pytest.mark.parametrize("camera", ["P101", "101", "DSC0_101"])
+def test_digits_in_front_of_a_counter_do_not_wrap(tmp_path, camera):
+    numbers = [9997, 9998, 9999, 1, 2, 3, 4, 5]
+    found = fw.decode(save(tmp_path / "f", seen(SETS), [f"{camera}{n:04d}.png" for n in numbers]))
+    assert np.isfinite(found.x.coordinate_px).mean() > 0.99
+    assert any("wrap" in f.seen for f in found.findings)
+
+
 def test_a_copy_among_the_images_is_named(tmp_path):
     folder = save(tmp_path / "f", seen(SETS))
     Image.fromarray(seen(SETS)[2]).save(folder / "9.png")
@@ -242,26 +251,118 @@ def codes_first(fx, gx, fy, gy):
     return gx + fx + gy + fy
 
 
+ORDERS = [
+    (CODES, codes_last_bit_first, "least significant bit", "least_first = true in plan.toml"),
+    (CODES, codes_last_first_inverted, "are inverted, light for dark", "inverted = true"),
+    (CODES, bits_in_turn, "bits of both axes in turn", "bits_in_turn = true in plan.toml"),
+    (PAIRS, pairs_last_bit_first, "least significant bit", "least_first = true in plan.toml"),
+    (PAIRS, inverses_after_all, "come after all bits", "inverses_last = true in plan.toml"),
+    (PAIRS, inverse_first, "are inverted, light for dark", "inverted = true"),
+    (MIXED, fringes_first, "fringes along x, fringes along y, Gray code along x", "sequence of"),
+    (MIXED, codes_first, "Gray code along x, fringes along x, Gray code along y", "sequence of"),
+]
+
+
 @pytest.mark.parametrize(
-    ("plan", "order", "words"),
-    [
-        (CODES, codes_last_bit_first, "the Gray codes begin with the least significant bit"),
-        (CODES, codes_last_first_inverted, "bit and the Gray codes are inverted, light for dark"),
-        (CODES, bits_in_turn, "the frames show bits of both axes in turn"),
-        (PAIRS, pairs_last_bit_first, "the Gray codes begin with the least significant bit"),
-        (PAIRS, inverses_after_all, "the inverses of the Gray codes come after all bits"),
-        (PAIRS, inverse_first, "the Gray codes are inverted, light for dark"),
-        (MIXED, fringes_first, "fringes along x, fringes along y, Gray code along x, Gray code"),
-        (MIXED, codes_first, "Gray code along x, fringes along x, Gray code along y, fringes"),
-    ],
-    ids=[str(k) for k in range(8)],
+    ("plan", "order", "words", "advice"), ORDERS, ids=[str(k) for k in range(len(ORDERS))]
 )
-def test_orders_of_other_programs_are_named(plan, order, words):
+def test_orders_of_other_programs_are_named(plan, order, words, advice):
     with pytest.raises(fw.FramesContradictPlan) as error:
         fw.decode(order(*parts(plan)), plan)
     said = str(error.value)
     assert words in said, said
+    assert advice in said, said
     assert "swapped" not in said, said
+
+
+def with_words(plan, in_turn=False, **words):
+    blocks = [replace(b, **words) if isinstance(b, GrayCode) else b for b in plan.blocks]
+    return replace(plan, blocks=tuple(blocks), bits_in_turn=in_turn)
+
+
+SAID = [
+    (CODES, codes_last_bit_first, {"least_first": True}),
+    (CODES, codes_last_first_inverted, {"least_first": True, "inverted": True}),
+    (CODES, bits_in_turn, {"in_turn": True}),
+    (PAIRS, pairs_last_bit_first, {"least_first": True}),
+    (PAIRS, inverses_after_all, {"inverses_last": True}),
+    (PAIRS, inverse_first, {"inverted": True}),
+]
+
+
+@pytest.mark.parametrize(("plan", "order", "words"), SAID, ids=[str(k) for k in range(len(SAID))])
+def test_plans_say_the_orders_of_other_programs(tmp_path, plan, order, words):
+    said = with_words(plan, **words)
+    folder = save(tmp_path / "shots", order(*parts(plan)), plan=said)
+    found = fw.decode(folder)
+    for map_, truth, cell in zip((found.x, found.y), (COLUMN, ROW), (4.0, 4.0), strict=True):
+        error = map_.coordinate_px - truth
+        assert np.isfinite(error).mean() > 0.99
+        assert np.nanmax(np.abs(error)) < cell
+    assert fw.files.read_plan(folder / "plan.toml") == said
+    if "inverted" not in words:
+        light = fw.stack.texture(order(*parts(plan)), said)
+        np.testing.assert_allclose(light, fw.stack.texture(seen(plan), plan), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("plan", "words", "advice"),
+    [
+        (CODES, {"least_first": True}, "most significant bit.* write least_first = false"),
+        (PAIRS, {"inverses_last": True}, "this plan says inverses_last = true"),
+        (CODES, {"in_turn": True}, "this plan says bits_in_turn = true"),
+    ],
+)
+def test_words_that_the_frames_contradict_are_named(plan, words, advice):
+    with pytest.raises(fw.InputError, match=advice):
+        fw.decode(seen(plan), with_words(plan, **words))
+
+
+@pytest.mark.parametrize("both", [(False, False), (True, False), (True, True)])
+def test_pictures_come_in_the_order_of_the_plan(tmp_path, both):
+    """Labels, pictures, streams and calibrations of orders that are combined."""
+    inverse, last = both
+    codes = [
+        GrayCode(a, 4.0, n, inverse, least_first=True, inverses_last=last)
+        for a, n in zip("xy", SIZE, strict=True)
+    ]
+    light = () if inverse else (Uniform("white"), Uniform("black"))
+    plan = PatternPlan(*SIZE, (*codes, *light), bits_in_turn=True)
+    plain = with_words(plan, least_first=False, inverses_last=False)
+    assert sorted(plan.labels()) == sorted(plain.labels())
+    assert plan.labels()[:2] in (["x-gray-6", "y-gray-6"], ["x-gray-6", "x-gray-6-inverse"])
+    drawn = dict(zip(plain.labels(), fw.encode(plain), strict=True))
+    for label, picture in zip(plan.labels(), fw.encode(plan), strict=True):
+        np.testing.assert_array_equal(picture, drawn[label])
+    by_label = dict(zip(plain.labels(), seen(plain), strict=True))
+    frames = [by_label[label] for label in plan.labels()]
+    stream = fw.stack.StreamingDecoder(plan)
+    for frame in frames:
+        stream.add(frame)
+    usual = fw.decode(seen(plain), plain)
+    for found in (stream.result(), fw.stack.Decoder(plan, frames[0].shape).decode(frames)):
+        np.testing.assert_allclose(found.x.coordinate_px, usual.x.coordinate_px, atol=1e-3)
+        np.testing.assert_allclose(found.y.sigma_px, usual.y.sigma_px, rtol=0.02)
+    assert len(fw.files.write_patterns(tmp_path / "p", plan)) == plan.frames
+
+
+def test_moving_scenes_take_the_most_significant_bit_first():
+    plan = with_words(MIXED, least_first=True)
+    with pytest.raises(fw.InputError, match="expected a plan without least_first"):
+        fw.stack.SequenceDecoder(plan)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: GrayCode("x", 4.0, 400, inverses_last=True), "got a code without them"),
+        (lambda: replace(CODES, blocks=CODES.blocks[:1], bits_in_turn=True), "one along y"),
+        (lambda: replace(MIXED, bits_in_turn=True), "one right after the other"),
+    ],
+)
+def test_orders_that_make_no_sense_are_refused(make, words):
+    with pytest.raises(fw.InputError, match=words):
+        make()
 
 
 def test_a_frame_that_is_a_copy_of_an_earlier_one_is_named():

@@ -16,13 +16,14 @@ from fringeworks.rig.pinhole import look_at, pose, project, rays, rotation, tran
 from fringeworks.rig.point_findings import point_findings
 from fringeworks.rig.triangulate import triangulate
 from fringeworks.signal import CameraNoise
+from fringeworks.simulate import bust, standard_rig
 from fringeworks.simulate.bodies import Box, Plane, Sphere
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import truth_distance
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.surface.cloud import cloud_triangles, height_over_plane, normals
 from fringeworks.surface.form import fit_form
-from fringeworks.types import CoordinateMap, Decoded, Pinhole, Rig
+from fringeworks.types import CoordinateMap, Decoded, Pinhole, Rig, RigMismatch
 from tests.grids import thinned
 from tests.oracles.triangulation import point_of, sigma_of
 from tests.rigs import ahead, calibrated, rig, scene, shoot
@@ -416,3 +417,46 @@ def test_heights_over_a_plane():
         height_over_plane(cloud, T[:3, 3], np.zeros(3), pitch_mm=1)
     with pytest.raises(InputError, match="grid below"):
         height_over_plane(cloud, T[:3, 3], T[:3, 2], pitch_mm=1e-4)
+
+
+@pytest.mark.parametrize("what", ["mirrored", "other sensor", "mirrored rows"])
+def test_rigs_that_do_not_belong_are_refused_by_all_losses_together(what):
+    """Each loss alone is common: light between surfaces, or a device that moved a little."""
+    r = standard_rig(scale=0.2)
+    view = look(r, bust())
+    lit = np.where(view.lit[..., None], view.projector_px, np.nan).astype(np.float32)
+    seen = {axis: np.ascontiguousarray(lit[..., k]) for k, axis in enumerate("xy")}
+    if what == "other sensor":
+        focal = tuple(1.4 * f for f in r.camera.focal_px)
+        other = replace(r, camera=replace(r.camera, focal_px=focal))
+    else:
+        turn = np.s_[:, ::-1] if what == "mirrored" else np.s_[::-1]
+        seen, other = {axis: np.ascontiguousarray(u[turn]) for axis, u in seen.items()}, r
+    rng = np.random.default_rng(7)
+    maps = {}
+    for axis, u in seen.items():
+        ok = np.isfinite(u)
+        noisy = u + rng.normal(0.0, 0.05, u.shape).astype(np.float32)
+        reason = np.where(ok, Reason.OK, Reason.SHADOW).astype(np.uint8)
+        sigma = np.where(ok, np.float32(0.05), np.float32(np.nan))
+        light = np.full(u.shape, 90.0, np.float32)
+        maps[axis] = CoordinateMap(noisy, sigma, light, light, reason, axis, (16.0,))
+    decoded = Decoded(**maps, noise=CameraNoise(1.0))
+    with pytest.raises(RigMismatch, match=r"epipolar error is .* px|pass each other|lie behind"):
+        triangulate(decoded, other)
+
+
+@pytest.mark.parametrize("off_px", [0.0, 1.5, 3.0])
+def test_a_misfit_that_is_seen_is_in_sigma(off_px):
+    """An error of the columns that also shows across the epipolar lines."""
+    r = replace(rig(), residual_px=(1.0, 1.0), covariance=None)
+    _, decoded = made_up(r, wave(r.camera.shape), sigma=(0.03, 0.03), noise=1.0)
+    right = triangulate(decoded, r)
+    moved = {a: replace(m, coordinate_px=m.coordinate_px + off_px) for a, m in decoded.maps.items()}
+    points = triangulate(replace(decoded, **moved), r)
+    ok = (points.reason == Reason.OK) & (right.reason == Reason.OK)
+    assert ok.mean() > 0.5
+    off = np.linalg.norm(points.xyz_mm - right.xyz_mm, axis=-1)[ok]
+    assert np.mean(off < 2.0 * points.sigma_mm[ok]) > 0.9
+    if not off_px:
+        np.testing.assert_array_equal(points.sigma_mm[ok], right.sigma_mm[ok])

@@ -106,6 +106,10 @@ class RigOptions:
         return found, rig
 
 
+PRINTED = {"True": "true", "False": "false", "None": "null"}
+"""JSON of the values that ``methods`` prints in the words of Python."""
+
+
 @app.command(
     rich_help_panel=SECTION,
     epilog="Example: fringeworks reconstruct --reference plane.jpg --object part.jpg "
@@ -320,7 +324,8 @@ def _with_principal(
 
 
 def _method_options(method: str, settings: list[str]) -> dict[str, fw.pair.MethodOption]:
-    """``name=value`` pairs: words where the method expects one, numbers and lists else."""
+    """``name=value`` pairs: words where the method expects one, values as ``methods`` prints them
+    else."""
     known = fw.pair.get_method(method).options
     options: dict[str, fw.pair.MethodOption] = {}
     for setting in settings:
@@ -331,10 +336,10 @@ def _method_options(method: str, settings: list[str]) -> dict[str, fw.pair.Metho
             options[name] = text
             continue
         try:
-            options[name] = json.loads(text)
+            options[name] = json.loads(PRINTED.get(text, text))
         except json.JSONDecodeError as error:
             raise fw.InputError(
-                f"--option {name}: expected a number or list, got {text!r}"
+                f"--option {name}: expected a number, a list, True, False or None, got {text!r}"
             ) from error
     return options
 

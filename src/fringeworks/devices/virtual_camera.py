@@ -17,7 +17,7 @@ from fringeworks.devices.protocols import (
 )
 from fringeworks.devices.virtual_projector import Shown, VirtualProjector
 from fringeworks.patterns.plan import COLOURS
-from fringeworks.simulate.bayer import LUMINANCE_SHARES
+from fringeworks.simulate.bayer import FILTERS, LUMINANCE_SHARES, are_shares
 from fringeworks.simulate.jpeg import jpeg_compressed
 from fringeworks.types import (
     CameraSettings,
@@ -39,11 +39,6 @@ KEPT_FRAMES = 4
 """Frames that wait to be grabbed; when another arrives, the oldest is lost."""
 GAINS_DB = (0.0, 24.0)
 """Lowest and highest gain of the virtual camera, dB."""
-
-
-FILTERS = ((0.90, 0.08, 0.02), (0.07, 0.85, 0.08), (0.02, 0.12, 0.86))
-"""Shares of the projector's red, green and blue in the channels red, green and blue of the virtual
-camera. Other colours have 2 to 12 %, as in the spectral simulation of docs/few-frames.md."""
 
 
 class Scene(Protocol):
@@ -117,8 +112,6 @@ class CameraModel:
     colours: three rows of three, each with the sum 1, so that white is white."""
 
     def __post_init__(self) -> None:
-        rows = np.asarray(self.filters, np.float64)
-        shares = rows.shape == (3, 3) and (rows >= 0).all() and np.allclose(rows.sum(axis=1), 1.0)
         check_fields(
             self,
             fps=(self.fps > 0, "> 0"),
@@ -133,7 +126,7 @@ class CameraModel:
             smoothing_px=(self.smoothing_px >= 0, ">= 0"),
             jpeg=(0 <= self.jpeg <= (100 if self.bits == 8 else 0), "0 to 100, 0 beyond 8 bit"),
             flicker=(0 <= self.flicker <= 1, "0 to 1"),
-            filters=(bool(shares), "three rows of three shares with the sum 1"),
+            filters=(are_shares(self.filters), "three rows of three shares with the sum 1"),
             flicker_hz=(self.flicker_hz > 0, "> 0"),
             **{k: (0 <= getattr(self, k) < 1, "0 to 1") for k in ("lag", "loss", "frozen", "torn")},
         )

@@ -10,7 +10,9 @@ from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.virtual_rig import View
 from fringeworks.types import FloatMap, InputError
 
-OF_DEVICES = ("gamma", "response", "black", "noise", "gain", "bits", "bayer", "jpeg", "seed")
+OF_DEVICES = (
+    *("gamma", "response", "black", "noise", "gain", "bits", "bayer", "jpeg", "seed", "filters"),
+)
 """Fields of ``Optics`` that the models of virtual projector and camera have in their own way."""
 
 

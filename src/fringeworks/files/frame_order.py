@@ -17,6 +17,9 @@ BINARY_COUNTERS = (2**8 - 1, 2**12 - 1, 2**16 - 1)
 """Largest values of counters in whole bytes, or of 12 bits, from which cameras begin again at 0."""
 
 
+FEWEST_DIGITS = 4
+"""Digits of the counter in names by the standard DCF (JEITA CP-3461): four letters or digits in
+front do not count."""
 MOST_COPIES = 3
 """At most this many copies are named."""
 
@@ -116,22 +119,29 @@ def _as_taken(paths: Sequence[Path]) -> tuple[list[Path], list[str]]:
     if numbered is None:
         return list(paths), []
     numbers, _, _, digits = numbered
-    gaps = [k + 1 for k, (a, b) in enumerate(pairwise(numbers)) if b - a > 1]
-    if (
-        len(gaps) != 1
-        or numbers[0] > 1
-        or numbers[-1]
-        not in (
-            10**digits - 1,
-            *BINARY_COUNTERS,
-        )
-    ):
+    first = _after_wrap(numbers, digits)
+    if not first:
         return list(paths), []
-    first = gaps[0]
     taken = [*paths[first:], *paths[:first]]
     return taken, [
         f"the numbers in the names wrap: frames taken from {taken[0].name} to {taken[-1].name}"
     ]
+
+
+def _after_wrap(numbers: Sequence[int], digits: int) -> int:
+    """Place of the first image in names that wrap, sorted by their numbers; 0 where none wrap.
+
+    Digits in front that all names have in common do not count: P1019999 is followed by P1010001.
+    """
+    gaps = [k + 1 for k, (a, b) in enumerate(pairwise(numbers)) if b - a > 1]
+    if len(gaps) != 1:
+        return 0
+    for counting in range(min(FEWEST_DIGITS, digits), digits + 1):
+        before, least = divmod(numbers[0], 10**counting)
+        largest = numbers[-1] - before * 10**counting
+        if least <= 1 and largest in (10**counting - 1, *(() if before else BINARY_COUNTERS)):
+            return gaps[0]
+    return 0
 
 
 def _extra(paths: Sequence[Path], labels: list[str]) -> str:

@@ -27,7 +27,8 @@ from fringeworks.files.limits import (
     parsing,
     read_content,
 )
-from fringeworks.files.photographs import PHOTOGRAPH_SUFFIXES, read_photograph
+from fringeworks.files.photographs import PHOTOGRAPH_SUFFIXES, RAW_SUFFIXES, read_photograph
+from fringeworks.signal.bands import row_bands
 from fringeworks.types import (
     BoolMap,
     FileProblem,
@@ -147,14 +148,14 @@ class _Colours:
             self._waiting[number] = array[..., : len(CHANNELS)]
             while self._left and self._left[-1] in self._waiting:
                 following = self._left.pop()
-                weighted = self._waiting.pop(following) * np.float32(self._weights[following])
+                image, weight = self._waiting.pop(following), np.float32(self._weights[following])
                 if self._sum is None:
-                    self._sum = weighted
-                elif self._sum.shape == weighted.shape:
-                    self._sum += weighted
-                else:
+                    self._sum = np.zeros(image.shape, np.float32)
+                if self._sum.shape != image.shape:
                     self._left = [following]  # never complete; the sizes are refused elsewhere
                     return
+                for band in row_bands(image.shape[:2], len(CHANNELS) * image.itemsize):
+                    self._sum[band.rows] += image[band.rows] * weight
 
     def mean(self) -> FloatMap | None:
         """The mean, where all images with a weight have come; None where they are grey."""
@@ -300,7 +301,9 @@ def _read_all(paths: Sequence[Path], channels: str, colours: _Colours) -> list[_
     def read(number: int) -> list[_Image]:
         return contexts[number].run(_read, paths[number], channels, number, colours)
 
-    with ThreadPoolExecutor(max(1, min(len(paths), os.cpu_count() or 1))) as pool:
+    # Raw photographs take several times the memory of a frame while they are read.
+    raw = any(path.suffix.lower() in RAW_SUFFIXES for path in paths)
+    with ThreadPoolExecutor(1 if raw else max(1, min(len(paths), os.cpu_count() or 1))) as pool:
         return [image for images in pool.map(read, range(len(paths))) for image in images]
 
 
@@ -484,12 +487,18 @@ def _to_grey(path: Path, array: NDArray[Any], lossy: bool) -> _Image:
             raise FileProblem(f"{path}: expected an opaque image, got one with transparency")
         array = array[..., :-1]
     channels = array.shape[2]
-    if np.array_equal(np.broadcast_to(array[..., :1], array.shape), array):
+    # In bands: photographs of 24 MP would need several times their memory at once.
+    bands = [band.rows for band in row_bands(array.shape[:2], channels * np.dtype(float).itemsize)]
+    if all((array[b, :, :1] == array[b, :, 1:]).all() for b in bands):
         return _Image(path, np.ascontiguousarray(array[..., 0]), kind, channels, False, lossy)
-    grey = (array.astype(np.float64) @ np.array(LUMINANCE)).astype(np.float32)
+    grey = np.empty(array.shape[:2], np.float32)
     limit = np.iinfo(kind).max if kind.kind in "ui" else None
-    clipped = None if limit is None else np.asarray((array == limit).any(axis=2))
-    return _Image(path, grey, kind, channels, True, lossy, clipped)
+    clipped = np.zeros(array.shape[:2], bool)
+    for b in bands:
+        grey[b] = array[b].astype(np.float64) @ np.array(LUMINANCE)
+        if limit is not None:
+            clipped[b] = (array[b] == limit).any(axis=2)
+    return _Image(path, grey, kind, channels, True, lossy, clipped if clipped.any() else None)
 
 
 def holds_counts(frame: NDArray[Any]) -> bool:

@@ -76,6 +76,10 @@ class GrayEntry(Section):
     """Whether light stands for dark: in all bits, or in a list of them from 0 on."""
     unused: StrictInt = 0
     """Number of finest bits that are not decoded."""
+    least_first: bool = False
+    """Whether the least significant bit is projected first."""
+    inverses_last: bool = False
+    """Whether the inverses follow after all bits."""
 
 
 class UniformEntry(Section):
@@ -100,6 +104,8 @@ class PlanFile(Section):
     """Axes along which the projector mirrors its pictures."""
     colours: bool = False
     """Whether red, green and blue of a picture show three frames."""
+    bits_in_turn: bool = False
+    """Whether bits of the Gray codes along x and y alternate."""
     sequence: list[Entry] = Field(min_length=1, max_length=MAX_BLOCKS)
 
 
@@ -129,6 +135,7 @@ def read_plan(path: StrPath) -> PatternPlan:
             content.dither,
             content.mirrored,
             content.colours,
+            content.bits_in_turn,
         )
 
 
@@ -147,6 +154,8 @@ def _block(entry: PhaseEntry | GrayEntry | UniformEntry, width: int, height: int
             entry.levels,
             inverted,
             entry.unused,
+            entry.least_first,
+            entry.inverses_last,
         )
     if (entry.period_px is None) == (entry.fringes is None):
         raise InputError("expected either period_px or fringes")
@@ -198,7 +207,9 @@ def format_plan(plan: PatternPlan) -> str:
             entry |= {"offset_px": float(block.offset_px)} if block.offset_px else {}
             entry |= {"levels": block.levels} if block.levels != 2 else {}
             entry |= {"inverted": block.inverted} if block.inverted else {}
-            sequence.append(entry | ({"unused": block.unused} if block.unused else {}))
+            entry |= {"unused": block.unused} if block.unused else {}
+            entry |= {"least_first": True} if block.least_first else {}
+            sequence.append(entry | ({"inverses_last": True} if block.inverses_last else {}))
         else:
             entry = {"kind": "phase", "axis": block.axis, "period_px": float(block.period_px)}
             entry |= {} if block.line_px is None else {"line_px": float(block.line_px)}
@@ -207,6 +218,7 @@ def format_plan(plan: PatternPlan) -> str:
     content |= {"bits": plan.bits, "gamma": float(plan.gamma), "dither": plan.dither}
     content |= {"mirrored": list(plan.mirrored)} if plan.mirrored else {}
     content |= {"colours": True} if plan.colours else {}
+    content |= {"bits_in_turn": True} if plan.bits_in_turn else {}
     return tomli_w.dumps(content | {"sequence": sequence})
 
 

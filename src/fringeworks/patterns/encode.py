@@ -76,24 +76,24 @@ def _grey(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
     top = 2**plan.bits - 1
     kind = np.uint8 if plan.bits <= 8 else np.uint16
     shape = (plan.height_px, plan.width_px)
-    for block in plan.blocks:
+    patterns = [(block, n) for block in plan.blocks for n in range(block.frames)]
+    for block, n in (patterns[k] for k in plan.order):
         down = not isinstance(block, Uniform) and block.axis == "y"
         position = np.arange(shape[0] if down else shape[1], dtype=np.float64)
-        for n in range(block.frames):
-            share = block.values(position, n) ** (1.0 / plan.gamma)
-            line = top * np.round(share, SHARE_DECIMALS)
-            picture = np.empty(shape, kind)
-            if plan.bits == 1:
-                lines = diffused(np.round(share, SHARE_DECIMALS), shape[1] if down else shape[0])
-                picture[...] = lines.T if down else lines
-            elif plan.dither:
-                across = line[:, None] if down else line
-                picture[...] = np.minimum(np.floor(across + _dither_thresholds(shape)), top)
-            else:
-                # One line is rounded, and repeated.
-                counts = np.minimum(np.floor(line + 0.5), top)
-                picture[...] = counts[:, None] if down else counts
-            yield picture
+        share = block.values(position, n) ** (1.0 / plan.gamma)
+        line = top * np.round(share, SHARE_DECIMALS)
+        picture = np.empty(shape, kind)
+        if plan.bits == 1:
+            lines = diffused(np.round(share, SHARE_DECIMALS), shape[1] if down else shape[0])
+            picture[...] = lines.T if down else lines
+        elif plan.dither:
+            across = line[:, None] if down else line
+            picture[...] = np.minimum(np.floor(across + _dither_thresholds(shape)), top)
+        else:
+            # One line is rounded, and repeated.
+            counts = np.minimum(np.floor(line + 0.5), top)
+            picture[...] = counts[:, None] if down else counts
+        yield picture
 
 
 def grey_pictures(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
@@ -111,15 +111,18 @@ def refuse_colours(plan: PatternPlan) -> None:
     """Refuse a plan with colours where frames are shown or taken in grey."""
     if plan.colours:
         raise InputError(
-            "plan: expected grey pictures here, got colours, which only single captures take, and "
-            "write_patterns draws for other programs"
+            "plan: expected grey pictures here, got colours; capture and live take them with "
+            "devices that show and see colours, and write_patterns draws them for other programs"
         )
 
 
 def thrown(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
-    """The pictures of a plan as they leave the projector, mirrored where the plan says so."""
+    """The pictures of a plan as they leave the projector, mirrored where the plan says so.
+
+    With ``colours``, as those of ``encode``.
+    """
     rows, columns = (slice(None, None, -1 if axis in plan.mirrored else 1) for axis in ("y", "x"))
-    for picture in grey_pictures(plan):
+    for picture in encode(plan):
         yield picture[rows, columns]
 
 

@@ -91,7 +91,7 @@ def check_axis(axis: str) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class GrayCode(Frozen):
-    """Gray code that numbers cells along one axis, the most significant bit first.
+    """Gray code that numbers cells along one axis.
 
     With more levels of brightness it is a reflected code of that base: digits instead of bits.
     """
@@ -111,6 +111,10 @@ class GrayCode(Frozen):
     """Bits that are projected light for dark, 0 being the most significant one; True for all."""
     unused: int = 0
     """Number of finest bits that are projected but not decoded."""
+    least_first: bool = False
+    """Whether the least significant bit is projected first."""
+    inverses_last: bool = False
+    """Whether the inverse pictures follow after all bits, instead of each after its bit."""
 
     def __post_init__(self) -> None:
         check_axis(self.axis)
@@ -147,6 +151,10 @@ class GrayCode(Frozen):
                 f"Gray code: expected 0 to {self.bits - 1} unused bits of {self.bits}, got "
                 f"{self.unused}"
             )
+        if self.inverses_last and not self.inverse:
+            raise InputError(
+                "Gray code: expected inverse pictures that come last, got a code without them"
+            )
 
     @property
     def cells(self) -> int:
@@ -169,6 +177,24 @@ class GrayCode(Frozen):
     def frames(self) -> int:
         """Number of frames."""
         return self.bits * (2 if self.inverse else 1)
+
+    @property
+    def together(self) -> int:
+        """Number of pictures that follow each other for a bit: 2 with its inverse beside it."""
+        return 2 if self.inverse and not self.inverses_last else 1
+
+    @property
+    def shown(self) -> tuple[int, ...]:
+        """Number of the picture that is projected at each place.
+
+        Pictures are numbered from the most significant bit on, with the inverse of a bit after it,
+        as for ``values`` and ``labels``.
+        """
+        size = 2 if self.inverse else 1
+        firsts = range(0, self.frames, size)[:: -1 if self.least_first else 1]
+        if self.inverses_last:
+            return (*firsts, *(k + 1 for k in firsts))
+        return tuple(k + n for k in firsts for n in range(size))
 
     @property
     def used(self) -> GrayCode:
@@ -213,6 +239,7 @@ class GrayCode(Frozen):
         ----------
         position : float array of any shape, projector px
         frame : int, 0 … ``frames`` − 1
+            From the most significant bit on, each followed by its inverse.
         """
         bit = frame // 2 if self.inverse else frame
         top = self.levels - 1

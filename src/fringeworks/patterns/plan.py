@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import chain, pairwise, zip_longest
 from typing import Literal
 
 import numpy as np
@@ -302,6 +303,9 @@ class PatternPlan(Plotted, Frozen):
     colours: bool = False
     """Whether red, green and blue of a picture show three frames, one after the other. Solid
     pictures of the colours and a black one follow the last."""
+    bits_in_turn: bool = False
+    """Whether the bits of the Gray codes along x and y alternate, from that of the first code on.
+    The codes follow each other in ``blocks`` then."""
 
     def __post_init__(self) -> None:
         check_projector(self.width_px, self.height_px)
@@ -332,6 +336,19 @@ class PatternPlan(Plotted, Frozen):
         for axis in self.mirrored:
             check_axis(axis)
         _ = self.placed  # refuses codes that cannot be mirrored
+        if self.bits_in_turn:
+            self._check_in_turn()
+
+    def _check_in_turn(self) -> None:
+        """Refuse Gray codes whose bits cannot alternate."""
+        codes = [block for block in self.blocks if isinstance(block, GrayCode)]
+        follow = any(a in codes and b in codes for a, b in pairwise(self.blocks))
+        alike = {(code.inverse, code.inverses_last) for code in codes}
+        if len(codes) != 2 or not follow or len(alike) > 1:
+            raise InputError(
+                "bits_in_turn: expected a Gray code along x and one along y, one right after the "
+                "other and both with or both without inverse pictures"
+            )
 
     def _check_colours(self) -> None:
         """Refuse blocks that do not fit into the colours of pictures."""
@@ -385,22 +402,57 @@ class PatternPlan(Plotted, Frozen):
 
     @cached_property
     def placed(self) -> tuple[tuple[int, Block], ...]:
-        """Every block that is decoded, in the projector's own pixels, with its first frame's index.
+        """Every block that is decoded, in the projector's own pixels, with the number of its first
+        pattern.
 
-        Frames that are not decoded are blocks of the kind ``unused``.
+        Patterns count from the first block on, the bits of a Gray code from the most significant
+        one on and each followed by its inverse; see ``order``. Patterns that are not decoded are
+        blocks of the kind ``unused``.
         """
         seen = [part for block in self.blocks for part in self._seen(block)]
         firsts = np.cumsum([0, *(block.frames for block in seen)])
         return tuple((int(first), block) for first, block in zip(firsts, seen, strict=False))
 
     @cached_property
+    def order(self) -> tuple[int, ...]:
+        """Number of the pattern that each frame shows: 0, 1, 2 …, unless a Gray code begins with
+        its least significant bit, has its inverses last, or takes turns with another one."""
+        shown: list[int] = []
+        turns: list[list[tuple[int, ...]]] = []
+        first = 0
+        for block in self.blocks:
+            numbers = block.shown if isinstance(block, GrayCode) else range(block.frames)
+            numbers = tuple(first + n for n in numbers)
+            first += block.frames
+            if isinstance(block, GrayCode) and self.bits_in_turn:
+                size = block.together
+                turns.append([numbers[k : k + size] for k in range(0, len(numbers), size)])
+                if len(turns) == 1:
+                    continue
+                numbers = tuple(
+                    n for pair in zip_longest(*turns, fillvalue=()) for n in chain(*pair)
+                )
+            shown += numbers
+        return tuple(shown)
+
+    @cached_property
+    def places(self) -> tuple[int, ...]:
+        """Index of the frame that shows each pattern: the inverse of ``order``."""
+        return tuple(sorted(range(self.frames), key=self.order.__getitem__))
+
+    @cached_property
     def used(self) -> tuple[PatternPlan, tuple[int, ...]]:
         """The plan of the frames that are decoded, in the projector's own pixels; their indices."""
         kept = [(k, block) for k, block in self.placed if block != Uniform("unused")]
-        frames = tuple(k + n for k, block in kept for n in range(block.frames))
-        return replace(
-            self, blocks=tuple(block for _, block in kept), mirrored=(), colours=False
-        ), frames
+        frames = tuple(self.places[k + n] for k, block in kept for n in range(block.frames))
+        plan = replace(
+            self,
+            blocks=tuple(block for _, block in kept),
+            mirrored=(),
+            colours=False,
+            bits_in_turn=False,
+        )
+        return plan, frames
 
     def _seen(self, block: Block) -> Iterator[Block]:
         """What is decoded of a block."""
@@ -408,18 +460,19 @@ class PatternPlan(Plotted, Frozen):
         if isinstance(block, PhaseSteps):
             yield block.mirrored(self.length_px(block.axis)) if mirrored else block
         elif isinstance(block, GrayCode):
-            yield block.used.mirrored if mirrored else block.used
+            code = replace(block.used, least_first=False, inverses_last=False)
+            yield code.mirrored if mirrored else code
             for _ in range(block.frames - block.used.frames):
                 yield Uniform("unused")
         else:
             yield block
 
     def phase_sets(self, axis: Axis) -> list[tuple[int, PhaseSteps]]:
-        """Sets of steps along an axis, each with the index of its first frame."""
+        """Sets of steps along an axis, each with the number of its first pattern."""
         return [(k, b) for k, b in self.placed if isinstance(b, PhaseSteps) and b.axis == axis]
 
     def gray_code(self, axis: Axis) -> tuple[int, GrayCode] | None:
-        """The Gray code along an axis with its first frame's index; None where there is none."""
+        """The Gray code along an axis, and the number of its first pattern; None without one."""
         codes = [(k, b) for k, b in self.placed if isinstance(b, GrayCode) and b.axis == axis]
         return codes[0] if codes else None
 
@@ -430,7 +483,8 @@ class PatternPlan(Plotted, Frozen):
 
     def labels(self) -> list[str]:
         """One name per frame of the plan."""
-        return [label for block in self.blocks for label in block.labels()]
+        labels = [label for block in self.blocks for label in block.labels()]
+        return [labels[k] for k in self.order]
 
     def chain(self, axis: Axis, *, absolute: bool = True) -> OrderChain:
         """The chain of roundings that resolves the fringe orders along an axis.

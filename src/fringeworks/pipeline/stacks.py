@@ -25,6 +25,7 @@ from fringeworks.signal.response import measure_response as response_of_frames
 from fringeworks.signal.smooth_coordinate import smooth_coordinate
 from fringeworks.stack.decode import decode
 from fringeworks.stack.even_light import texture
+from fringeworks.stack.exposure_colours import colour_of_exposures
 from fringeworks.stack.frames import Stack
 from fringeworks.stack.grey_card import check_gains
 from fringeworks.stack.light_separation import LightSeparation, separate_light
@@ -180,9 +181,11 @@ def removed_blur(found: Decoded, axis: Axis | None) -> float:
 def scene_brightness(stacks: Sequence[Stack], found: Decoded) -> FloatMap | None:
     """Brightness (h, w) or colour (h, w, 3) of the scene, counts; None where the plan does not show
     it."""
-    if len(stacks) > 1:
-        return next(iter(found.maps.values())).background
     seen, gains = stacks[0].colour, stacks[0].white_balance
+    if len(stacks) > 1:
+        seen = colour_of_exposures(stacks)
+        if seen is None:
+            return next(iter(found.maps.values())).background
     if seen is not None:
         if gains is None:
             return sealed(seen)
@@ -323,6 +326,6 @@ def _gray_coordinate(stack: Stack, axis: Axis, options: DecodeOptions) -> FloatM
         for first, block in plan.placed
         if isinstance(block, Uniform) or (isinstance(block, GrayCode) and block.axis == axis)
     ]
-    frames = [stack.frames[k] for first, block in kept for k in range(first, first + block.frames)]
+    frames = [stack.frames[plan.places[k + n]] for k, block in kept for n in range(block.frames)]
     alone = PatternPlan(plan.width_px, plan.height_px, tuple(block for _, block in kept))
     return decode(frames, alone, **options).maps[axis].coordinate_px.astype(np.float64)

@@ -62,11 +62,11 @@ def _strips(plan: PatternPlan, axis: Axis) -> tuple[list[str], FloatMap]:
     position = np.arange(plan.length_px(axis), dtype=np.float64)
     labels = plan.labels()
     names, light = [], []
-    for first, block in plan.placed:
+    patterns = [(block, n) for _, block in plan.placed for n in range(block.frames)]
+    for frame, k in enumerate(plan.order):
+        block, n = patterns[k]
         along = plan.axes[0] if isinstance(block, Uniform) else block.axis
-        if along != axis:
-            continue
-        for n in range(block.frames):
-            names.append(f"{first + n + 1}: {labels[first + n]}")
+        if along == axis:
+            names.append(f"{frame + 1}: {labels[frame]}")
             light.append(block.values(position, n))
     return names, np.stack(light)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fringeworks import _core
 from fringeworks.rig.epipolar import calibration_share
 from fringeworks.rig.ray_depth import axis_length, calibration_spread, main_axis
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN
 from fringeworks.types import (
     Axis,
     ByteMap,
@@ -50,6 +51,16 @@ MAX_BEHIND = 0.5
 """Share of points behind camera or projector from which on the rig is refused."""
 MAX_APART = 0.9
 """Share of pixels with too large an epipolar error from which on the rig is refused."""
+MAX_LOST = 0.3
+"""Share of pixels that are lost for either reason from which on the rig is refused, where the
+epipolar error is large as well. Light between surfaces loses pixels, but leaves the others right.
+Empirical."""
+MISFIT_PX = 2.0
+"""Median epipolar error that is large, projector px. Calibrations by other programs leave 0.3 to
+0.9 px; mirrored frames and those of another sensor make 5 to 20 px."""
+SEEN_MISFIT_PX = 1.0
+"""Median epipolar error from which on it is part of σ, projector px: smaller ones are within what
+rigs state, or what the capture shows of them."""
 
 
 def input_arrays(found: CoordinateMap | None) -> _core._AxisMaps | None:
@@ -146,7 +157,9 @@ class Triangulator:
             results,
             limits={"residual_sigmas": residual_sigmas, "residual_px": epipolar_px},
         )
-        _refuse_nothing(results["reason"])
+        misfit_px = _refuse_nothing(results)
+        if both and misfit_px > SEEN_MISFIT_PX:
+            _add_misfit(results, maps[main_axis(rig)].sigma_px, misfit_px)
         return _cloud(results, colour, decoded.findings)
 
     def _kernel(self, axis: Axis | None) -> _core.Triangulation:
@@ -221,7 +234,7 @@ def measured_points(
         typical=steps,
         limits={"residual_sigmas": RESIDUAL_SIGMAS, "residual_px": epipolar_px},
     )
-    _refuse_nothing(results["reason"])
+    _refuse_nothing(results)
     if factors is not None:
         _raise_noise(results, factors)
     return _cloud(results, None, findings)
@@ -351,8 +364,23 @@ def _cloud(
     )
 
 
-def _refuse_nothing(all_reasons: ByteMap) -> None:
-    """Refuse a rig whose rays hardly ever meet: it does not belong to the capture."""
+def _add_misfit(results: dict[str, Any], sigma_px: FloatMap, misfit_px: float) -> None:
+    """Add the epipolar error that was seen to σ, in place: what a rig is off across the epipolar
+    lines, it is likely off along them, where nothing shows it."""
+    sigma = results["sigma"]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mm_per_px = results["noise"] / sigma_px
+        np.sqrt(sigma**2 + (np.float32(misfit_px / NORMAL_MEDIAN) * mm_per_px) ** 2, out=sigma)
+
+
+def _refuse_nothing(results: dict[str, Any]) -> float:
+    """Refuse a rig whose rays hardly ever meet: it does not belong to the capture.
+
+    Returns
+    -------
+    Median epipolar error of the others, projector px; 0 with a single axis.
+    """
+    all_reasons: ByteMap = results["reason"]
     rows = slice(None, None, max(1, all_reasons.shape[0] // CHECKED_ROWS))
     reason = all_reasons[rows]
     apart = int(np.sum(reason == Reason.RAYS_APART))
@@ -368,3 +396,16 @@ def _refuse_nothing(all_reasons: ByteMap) -> None:
             f"rig: rays of camera and projector pass each other in {apart / decoded:.0%} of the "
             "pixels: it does not belong to this capture, or a device was moved since"
         )
+    if results["residual"] is None or not decoded:
+        return 0.0
+    error = np.abs(results["residual"][rows])
+    error = error[np.isfinite(error)]
+    usual = float(np.median(error)) if error.size else 0.0
+    lost = (apart + behind) / decoded
+    if lost > MAX_LOST and usual > MISFIT_PX:
+        raise RigMismatch(
+            f"rig: {lost:.0%} of the decoded pixels give no point, and the epipolar error is "
+            f"{usual:.2g} px (median): it does not belong to this capture, the frames are mirrored "
+            "or of another sensor, or a device was moved since"
+        )
+    return usual

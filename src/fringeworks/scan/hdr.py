@@ -13,7 +13,7 @@ from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.capture import capture
 from fringeworks.scan.exposure import TooBright, exposure_series, series_in
 from fringeworks.scan.exposure_range import configured, shorter_ranges
-from fringeworks.scan.frames import Progress, check_plan
+from fringeworks.scan.frames import Progress, check_plan, seeing_colours
 from fringeworks.types import CameraSettings, Delay, InputError
 
 
@@ -37,6 +37,7 @@ def capture_hdr(
     projector : Projector
     camera : Camera
     plan : PatternPlan
+        With ``colours``, crosstalk is removed from each exposure by its own solid pictures.
     folder : path
         New, empty, or of a scan that was not finished. The captures lie in its folders 0, 1, …
     settings : sequence of CameraSettings, or int
@@ -61,9 +62,7 @@ def capture_hdr(
     ------
     As ``capture``, and InputError where an interrupted scan had other settings or another plan.
     """
-    if plan.colours:
-        raise InputError("plan: expected grey pictures for several exposures (HDR), got colours")
-    check_plan(projector, plan)
+    check_plan(projector, plan, colours=True)
     if not (resume or force):
         refuse_replacing(folder)
     if isinstance(settings, int):
@@ -74,7 +73,8 @@ def capture_hdr(
     with writing_exposures(folder, settings, resume=resume, force=force) as writer:
         for number, wanted in enumerate(settings):
             begun, target = writer.is_begun(number), writer.folder(number)
-            configured(camera, wanted)
+            with seeing_colours(camera, plan):
+                configured(camera, wanted)
             capture(
                 projector,
                 camera,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from typing import Unpack
 
@@ -14,7 +14,7 @@ from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.rig.robot.base import base_camera, in_base
 from fringeworks.rig.robot.readings import RobotPoses
-from fringeworks.scan.frames import Progress, check_plan, pictures_of, taker_of
+from fringeworks.scan.frames import Progress, check_plan, pictures_of, seeing_colours, taker_of
 from fringeworks.stack.decoder import JUDGE_EVERY, Decoder
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.types import (
@@ -87,6 +87,7 @@ def live(
     projector : Projector
     camera : Camera
     plan : PatternPlan
+        With ``colours``, projector and camera must show and see them, as for ``capture``.
     rig : Rig
     delay : Delay, optional
         From ``measure_delay``, for the fast way of taking frames.
@@ -137,11 +138,12 @@ def live(
     if robot_pose is not None:
         # A rig without the robot is refused before the first frame.
         base_camera(rig, robot_pose())
-    check_plan(projector, plan)
+    check_plan(projector, plan, colours=True)
     pictures = list(pictures_of(projector, plan))
     taker = taker_of(projector, camera, delay)
     decoder: Decoder | None = None
     with ExitStack() as opened:
+        opened.enter_context(_colours(camera, plan))
         while True:
             started = time.perf_counter()
             try:
@@ -152,13 +154,14 @@ def live(
                 _close(projector, camera)
                 projector, camera = _again(reopen, problem, retry_s, progress)
                 opened.callback(_close, projector, camera)
-                check_plan(projector, plan)
+                check_plan(projector, plan, colours=True)
+                opened.enter_context(_colours(camera, plan))
                 pictures = list(pictures_of(projector, plan))
                 taker, decoder = taker_of(projector, camera, delay), None
                 continue
             taken = time.perf_counter()
             if decoder is None:
-                shape, kind = frames[0].shape, frames[0].dtype
+                shape, kind = frames[0].shape[:2], frames[0].dtype
                 decoder = Decoder(plan, shape, kind, rig=rig, judge_every=judge_every, **options)
             pose = None if robot_pose is None else robot_pose()
             points = decoder.points(frames)
@@ -166,6 +169,19 @@ def live(
                 points = in_base(points, rig, pose)
             computed = time.perf_counter()
             yield LiveCloud(points, taken - started, computed - taken, decoder.judged)
+
+
+@contextmanager
+def _colours(camera: Camera, plan: PatternPlan) -> Iterator[None]:
+    """Let a camera deliver colours for a plan with colours, also one that fails meanwhile."""
+    with ExitStack() as colours:
+        colours.enter_context(seeing_colours(camera, plan))
+        opened = colours.pop_all()
+    try:
+        yield
+    finally:
+        with suppress(DeviceProblem):
+            opened.close()
 
 
 def _close(projector: Projector, camera: Camera) -> None:

@@ -16,6 +16,7 @@ from fringeworks.devices.protocols import (
     Camera,
     CameraLimits,
     Closing,
+    ColourCamera,
     Grab,
     Projector,
     TriggeredCamera,
@@ -24,7 +25,7 @@ from fringeworks.files.atomic import StrPath
 from fringeworks.files.capture_writer import refuse_replacing, writing_capture
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.capture import saturation_of
-from fringeworks.scan.frames import Progress, check_plan, take_frames
+from fringeworks.scan.frames import Progress, check_plan, seeing_colours, take_frames
 from fringeworks.types import CameraSettings, Delay, DeviceProblem, InputError
 
 
@@ -93,7 +94,7 @@ class CameraGroup(Closing):
         """Return the next frame of every camera, beside each other; see ``Camera.grab``."""
         grabs = [camera.grab(timeout_s) for camera in self._cameras]
         self._check_times(grabs)
-        self._sizes = tuple(grab.pixels.shape for grab in grabs)
+        self._sizes = tuple((grab.pixels.shape[0], grab.pixels.shape[1]) for grab in grabs)
         return Grab(
             joined([grab.pixels for grab in grabs]),
             max(grab.host_s for grab in grabs),
@@ -102,6 +103,15 @@ class CameraGroup(Closing):
             all(grab.complete for grab in grabs),
             grabs[0].clock,
         )
+
+    def deliver_colours(self, wanted: bool) -> None:
+        """Deliver frames in colour or in grey; see ``ColourCamera.deliver_colours``."""
+        for camera in self._cameras:
+            if not isinstance(camera, ColourCamera):
+                raise DeviceProblem(f"{camera.name}: expected a camera that sees colours")
+        for camera in self._cameras:
+            if isinstance(camera, ColourCamera):
+                camera.deliver_colours(wanted)
 
     def waiting(self) -> int:
         """Number of moments of which all frames have arrived."""
@@ -157,7 +167,8 @@ def joined(frames: Sequence[NDArray[Any]]) -> NDArray[Any]:
     [[1, 1, 1], [0, 0, 1]]
     """
     rows = max(frame.shape[0] for frame in frames)
-    padded = [np.pad(frame, ((0, rows - frame.shape[0]), (0, 0))) for frame in frames]
+    beside = [(0, 0)] * (frames[0].ndim - 1)
+    padded = [np.pad(frame, [(0, rows - frame.shape[0]), *beside]) for frame in frames]
     return np.concatenate(padded, axis=1)
 
 
@@ -180,6 +191,7 @@ def capture_together(
     cameras : sequence of Camera
         Two or more.
     plan : PatternPlan
+        With ``colours``, projector and cameras must show and see them, as for ``capture``.
     folders : sequence of paths
         One for each camera; new or empty.
     settings : CameraSettings, optional
@@ -216,10 +228,11 @@ def capture_together(
         raise InputError(f"folders: expected one for each of {len(cameras)} cameras, got "
                          f"{len(folders)}")  # fmt: skip
     group = CameraGroup(cameras, within_s=within_s)
-    check_plan(projector, plan)
+    check_plan(projector, plan, colours=True)
     for folder in folders:
         refuse_replacing(folder)
-    group.configure(settings or CameraSettings())
+    with seeing_colours(group, plan):
+        group.configure(settings or CameraSettings())
     with ExitStack() as open_captures:
         writers = [
             open_captures.enter_context(

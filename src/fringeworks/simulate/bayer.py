@@ -15,6 +15,10 @@ BayerOutput = Literal["luminance", "green", "raw"]
 """What a colour camera hands on: the luminance, the green channel, or the mosaic itself."""
 LUMINANCE_SHARES = (0.299, 0.587, 0.114)
 """Shares of red, green and blue in the luminance (ITU-R BT.601, which JPEG uses)."""
+FILTERS = ((0.90, 0.08, 0.02), (0.07, 0.85, 0.08), (0.02, 0.12, 0.86))
+"""Shares of the projector's red, green and blue in the channels red, green and blue of a camera
+with three of them. Other colours have 2 to 12 %, as in the spectral simulation of
+docs/few-frames.md."""
 OF_RED_AND_BLUE = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 4.0
 """Weights by which a channel that has one pixel of four is interpolated bilinearly."""
 OF_GREEN = np.array([[0, 1, 0], [1, 4, 1], [0, 1, 0]]) / 4.0
@@ -45,6 +49,12 @@ class Bayer:
             filters=(right, "three shares above 0, up to 1"),
             output=(self.output in get_args(BayerOutput), f"one of {get_args(BayerOutput)}"),
         )
+
+
+def are_shares(filters: tuple[tuple[float, float, float], ...]) -> bool:
+    """Whether filters are three rows of three shares, each with the sum 1."""
+    rows = np.asarray(filters, np.float64)
+    return bool(rows.shape == (3, 3) and (rows >= 0).all() and np.allclose(rows.sum(axis=1), 1.0))
 
 
 def filter_of_pixels(shape: tuple[int, int]) -> NDArray[np.intp]:

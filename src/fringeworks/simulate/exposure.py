@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.patterns.encode import thrown
-from fringeworks.patterns.plan import PatternPlan
+from fringeworks.patterns.encode import refuse_colours, thrown
+from fringeworks.patterns.plan import COLOURS, PatternPlan
 from fringeworks.simulate.bayer import demosaiced, mosaic
 from fringeworks.simulate.imaging import Imaging
 from fringeworks.simulate.jpeg import jpeg_compressed
@@ -30,6 +30,7 @@ def photograph(
     optics: Optics | None = None,
     *,
     transport: Sequence[Transport] = (),
+    paint: FloatMap | None = None,
 ) -> Iterator[NDArray[np.unsignedinteger]]:
     """Take the frames that the camera sees while the patterns of a plan are projected.
 
@@ -42,14 +43,19 @@ def photograph(
     transport : sequence of Transport
         What light does in the scene before it leaves for the camera, in this order, such as
         ``subsurface`` and ``interreflection``.
+    paint : (h, w, 3) array, optional
+        Reflectance for the projector's red, green and blue, relative to the view's albedo; 1 by
+        default. For plans with ``colours``.
 
     Yields
     ------
-    (h, w) arrays, counts: uint8, or uint16 for more than 8 bits.
+    (h, w) arrays, counts: uint8, or uint16 for more than 8 bits. Photographs (h, w, 3) for a plan
+    with ``colours``, by a camera of three sensors behind the ``filters`` of the optics.
 
     Raises
     ------
-    InputError for a plan that is smaller than the projector.
+    InputError for a plan that is smaller than the projector, for paint of another shape or with a
+    plan of grey pictures, and for ``bayer`` with a plan in colours.
 
     Notes
     -----
@@ -60,11 +66,47 @@ def photograph(
     optics = optics or Optics()
     rng = np.random.default_rng(optics.seed)
     imaging = _imaging(view, plan, optics)
-    for picture in thrown(plan):
+    _check_colours(view, plan, optics, paint)
+
+    def arrived(picture: NDArray[Any]) -> FloatMap:
         arriving: FloatMap = view.shading * _light(imaging, picture, plan, optics)
         for step in transport:
             arriving = step(arriving)
-        yield _stored(imaging.seen(arriving + optics.ambient), optics, rng)
+        return arriving
+
+    for picture in thrown(plan):
+        if not plan.colours:
+            yield _stored(imaging.seen(arrived(picture) + optics.ambient), optics, rng)
+            continue
+        lights = [arrived(np.ascontiguousarray(picture[..., d])) for d in range(COLOURS)]
+        channels = _channels(lights, optics, 1.0 if paint is None else paint)
+        yield _stored(np.stack([imaging.seen(c) for c in channels], axis=-1), optics, rng)
+
+
+def _channels(
+    lights: Sequence[FloatMap], optics: Optics, paint: FloatMap | float
+) -> Iterator[FloatMap]:
+    """Light for each channel of a camera, from that of each colour of the projector.
+
+    Ambient light is white.
+    """
+    reflected = (np.stack(lights, axis=-1) + optics.ambient) * paint
+    for shares in optics.filters:
+        yield reflected @ np.array(shares)
+
+
+def _check_colours(view: View, plan: PatternPlan, optics: Optics, paint: FloatMap | None) -> None:
+    """Refuse paint, and filters of pixels, that do not belong to the colours of a plan."""
+    if plan.colours and optics.bayer is not None:
+        raise InputError("bayer: expected None for a plan with colours, whose camera has 3 sensors")
+    if paint is None:
+        return
+    if not plan.colours:
+        raise InputError("paint: expected a plan with colours, got one of grey pictures")
+    if np.shape(paint) != (*view.albedo.shape, COLOURS):
+        raise InputError(
+            f"paint: expected shape {(*view.albedo.shape, COLOURS)}, got {np.shape(paint)}"
+        )
 
 
 def photograph_moving(
@@ -86,8 +128,9 @@ def photograph_moving(
 
     Raises
     ------
-    InputError for a plan that is smaller than the projector.
+    InputError for a plan that is smaller than the projector, or that has colours.
     """
+    refuse_colours(plan)
     optics = optics or Optics()
     rng = np.random.default_rng(optics.seed)
     for view, picture in zip(views, cycle(thrown(plan)), strict=False):
@@ -133,4 +176,8 @@ def _stored(counts: FloatMap, optics: Optics, rng: np.random.Generator) -> NDArr
     frame: NDArray[Any] = counts.astype(np.uint8 if optics.bits == 8 else np.uint16)
     if optics.bayer is not None:
         frame = demosaiced(frame, optics.bayer, largest)
-    return jpeg_compressed(frame, optics.jpeg) if optics.jpeg else frame
+    if not optics.jpeg:
+        return frame
+    planes = np.moveaxis(np.atleast_3d(frame), 2, 0)
+    stored = [jpeg_compressed(np.ascontiguousarray(plane), optics.jpeg) for plane in planes]
+    return np.stack(stored, axis=-1).reshape(frame.shape)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fringeworks.simulate.bayer import Bayer
+from fringeworks.simulate.bayer import FILTERS, Bayer, are_shares
 from fringeworks.simulate.lens import ThinLens
 from fringeworks.simulate.response_curve import ResponseCurve
 from fringeworks.types import InputError, check_fields
@@ -64,6 +64,9 @@ class Optics:
     """Quality of JPEG compression, 1…100, of frames of 8 bit; 0 for none."""
     seed: int = 0
     """Seed of the noise; equal seeds give equal frames."""
+    filters: tuple[tuple[float, float, float], ...] = FILTERS
+    """Shares of the projector's red, green and blue that the camera's red, green and blue see under
+    a plan with ``colours``: three rows of three, each with the sum 1."""
 
     def __post_init__(self) -> None:
         check_fields(
@@ -80,6 +83,7 @@ class Optics:
             gain=(self.gain >= 0, ">= 0"),
             bits=(self.bits in DEPTHS, f"one of {DEPTHS}"),
             jpeg=(0 <= self.jpeg <= 100, "0 to 100"),
+            filters=(are_shares(self.filters), "three rows of three shares with the sum 1"),
         )
         if self.response is not None and self.gamma != 1.0:
             raise InputError(f"response: cannot be combined with gamma = {self.gamma}")

@@ -40,6 +40,7 @@ from fringeworks.stack.kernel_settings import (
 from fringeworks.stack.local_errors import inflation
 from fringeworks.stack.neighbours import maps_of_votes, vote, worth_voting
 from fringeworks.stack.options import DecodeOptions
+from fringeworks.stack.order_words import in_words_of
 from fringeworks.stack.refine import Refined
 from fringeworks.stack.refusal import saturation_first, without_lacking_axes
 from fringeworks.stack.region_orders import decide_by_regions
@@ -155,31 +156,33 @@ def decode(
     """
     if estimate_response and response is not None:
         raise InputError("estimate_response: expected no response beside it, got one")
+    said = plan
     planes, plan = with_light(check_frames(frames, plan), plan)
     if out is not None:
         check_reusable_result(out, plan.axes, planes[0].shape, keep_phases)
-    findings = judge(
-        planes,
-        plan,
-        decodings_of(plan, absolute, response),
-        limits_of(planes[0].dtype, saturation, min_modulation),
-        noise=noise,
-        count_step=count_step,
-        estimate_steps=estimate_steps,
-        estimate_response=estimate_response,
-    )
-    decoded = measured(
-        planes,
-        findings,
-        kernels_of(findings),
-        {},
-        keep_phases=keep_phases,
-        remove_isolated=remove_isolated,
-        keep_blur=keep_blur,
-        out=out,
-    )
-    with saturation_first(findings.findings):
-        return without_lacking_axes(decoded, findings.axes)
+    with in_words_of(said):
+        findings = judge(
+            planes,
+            plan,
+            decodings_of(plan, absolute, response),
+            limits_of(planes[0].dtype, saturation, min_modulation),
+            noise=noise,
+            count_step=count_step,
+            estimate_steps=estimate_steps,
+            estimate_response=estimate_response,
+        )
+        decoded = measured(
+            planes,
+            findings,
+            kernels_of(findings),
+            {},
+            keep_phases=keep_phases,
+            remove_isolated=remove_isolated,
+            keep_blur=keep_blur,
+            out=out,
+        )
+        with saturation_first(findings.findings):
+            return without_lacking_axes(decoded, findings.axes)
 
 
 def judge(

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.patterns.plan import PatternPlan, repeats
+from fringeworks.patterns.plan import COLOURS, PatternPlan, repeats
 from fringeworks.rig.depth_range import DepthRange, depth_range_of
 from fringeworks.rig.epipolar import calibration_share
 from fringeworks.rig.triangulate import Triangulator, measured_points
+from fringeworks.stack.colour_steps import unmix
 from fringeworks.stack.decode import (
     checked_count_step,
     decodings_of,
@@ -25,11 +26,13 @@ from fringeworks.stack.examine import Judgement
 from fringeworks.stack.frames import Planes, check_frames, readable
 from fringeworks.stack.gray_light import plan_with_light, with_light
 from fringeworks.stack.options import DecodeOptions
+from fringeworks.stack.order_words import in_words_of
 from fringeworks.stack.refusal import leave_out, saturation_first, without_lacking_axes
 from fringeworks.types import (
     MOST_PX,
     Axis,
     ByteMap,
+    CameraNoise,
     Decoded,
     Finding,
     FloatMap,
@@ -49,6 +52,9 @@ MORE_AMBIGUOUS = 1.5, 0.02
 """Factor and share: a stack is judged before its turn if its pixels with an ambiguous order exceed
 the factor times those of the last judged stack, plus this share of all pixels. A scene that moves
 between its frames has ambiguous orders everywhere. Empirical."""
+UNMIXED_TOP = 1e5
+"""Count of saturated samples in frames without crosstalk, whose noise is 1: no lit pixel has a
+hundred thousand times its noise."""
 
 
 class Decoder:
@@ -72,7 +78,7 @@ class Decoder:
         fringe orders of plans that repeat.
     judge_every : int ≥ 1
     **options
-        As for ``decode``.
+        As for ``decode``. With ``colours``, the saturation is that of the photographs.
 
     Raises
     ------
@@ -118,13 +124,17 @@ class Decoder:
             options.setdefault("absolute", not repeats(plan))
         self._plan = plan
         self._shape, self._dtype = (shape[0], shape[1]), np.dtype(dtype)
-        self._options = options
+        self._photographs: float | None = options.get("saturation")
+        """Saturation of the photographs of a plan with colours; the type's where None."""
+        self._options = options = _of_frames(plan, options)
         self._judge_every, self._since = judge_every, 0
         self._nominal = decodings_of(
             plan_with_light(plan), options.get("absolute", True), options.get("response")
         )
         self._limits = limits_of(
-            self._dtype, options.get("saturation"), options.get("min_modulation", 0.0)
+            np.dtype(np.float32) if plan.colours else self._dtype,
+            options.get("saturation"),
+            options.get("min_modulation", 0.0),
         )
         checked_count_step(options.get("count_step"))
         self._triangulator = None if rig is None else Triangulator(rig)
@@ -165,7 +175,8 @@ class Decoder:
         Parameters
         ----------
         frames : (n, h, w) array or sequence of (h, w) arrays, counts
-            In the order of the plan.
+            In the order of the plan. Photographs (h, w, 3) for a plan with ``colours``, as for
+            ``unmix``.
 
         Returns
         -------
@@ -291,13 +302,22 @@ class Decoder:
         return _ambiguous(reasons) > factor * self._ambiguous + share * reasons[0].size
 
     def _checked(self, frames: NDArray[Any] | Sequence[NDArray[Any]]) -> Planes:
-        planes = check_frames(frames, self._plan)
-        if planes[0].shape != self._shape or planes[0].dtype.name != self._dtype.name:
+        colours = self._plan.colours
+        planes = list(frames) if colours else check_frames(frames, self._plan)
+        shape = (*self._shape, COLOURS) if colours else self._shape
+        if planes and (planes[0].shape != shape or planes[0].dtype.name != self._dtype.name):
             raise FramesContradictPlan(
-                f"frames: the decoder is for {self._dtype} {self._shape}, got {planes[0].dtype} "
+                f"frames: the decoder is for {self._dtype} {shape}, got {planes[0].dtype} "
                 f"{planes[0].shape}"
             )
-        return with_light(planes, self._plan)[0]
+        return with_light(self._unmixed(planes) if colours else planes, self._plan)[0]
+
+    def _unmixed(self, photographs: Sequence[NDArray[Any]]) -> Planes:
+        """Frames without crosstalk, saturated where a photograph is."""
+        stack = unmix(photographs, self._plan, saturation=self._photographs)
+        assert stack.saturation is not None
+        top = np.float32(UNMIXED_TOP)
+        return [np.where(frame < stack.saturation, frame, top) for frame in stack.frames]
 
     def _coordinates(self, planes: Planes) -> Decoded:
         """Decode checked frames, and judge them where it is time to."""
@@ -343,18 +363,27 @@ class Decoder:
     def _judge(self, planes: Planes) -> None:
         """Judge a stack and keep what was found."""
         options = self._options
-        self._found = judge(
-            planes,
-            plan_with_light(self._plan),
-            self._nominal,
-            self._limits,
-            noise=options.get("noise"),
-            count_step=options.get("count_step"),
-            estimate_steps=options.get("estimate_steps", True),
-            estimate_response=options.get("estimate_response", False),
-        )
+        with in_words_of(self._plan):
+            self._found = judge(
+                planes,
+                plan_with_light(self._plan),
+                self._nominal,
+                self._limits,
+                noise=options.get("noise"),
+                count_step=options.get("count_step"),
+                estimate_steps=options.get("estimate_steps", True),
+                estimate_response=options.get("estimate_response", False),
+            )
         self._kernels = kernels_of(self._found)
         self._typical_px = {}
+
+
+def _of_frames(plan: PatternPlan, options: DecodeOptions) -> DecodeOptions:
+    """Options for the frames of a plan: those without crosstalk have a noise of 1 count, whatever
+    that of the photographs."""
+    if not plan.colours:
+        return options
+    return {"noise": CameraNoise(1.0), **options, "saturation": UNMIXED_TOP}
 
 
 def _ambiguous(reasons: Sequence[ByteMap]) -> int:

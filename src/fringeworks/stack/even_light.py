@@ -70,7 +70,7 @@ def texture(
 def texture_weights(plan: PatternPlan) -> dict[int, float]:
     """Weights of the frames whose mean shows the scene under even light; empty where none do so."""
     weights = {k: 1.0 for first, block in plan.placed for k in _even(first, block)}
-    return weights or _background_weights(plan)
+    return {plan.places[k]: w for k, w in (weights or _background_weights(plan)).items()}
 
 
 def _background_weights(plan: PatternPlan) -> dict[int, float]:

@@ -81,7 +81,7 @@ def light_of_bits(planes: Planes, plan: PatternPlan) -> FloatMap | None:
 def _bits(plan: PatternPlan) -> list[int]:
     """Indices of the frames of all Gray codes with two levels of brightness."""
     codes = [(k, b) for k, b in plan.placed if isinstance(b, GrayCode) and b.levels == 2]
-    return [k for first, block in codes for k in range(first, first + block.frames)]
+    return [plan.places[k] for first, block in codes for k in range(first, first + block.frames)]
 
 
 def _missing(plan: PatternPlan) -> list[Uniform]:

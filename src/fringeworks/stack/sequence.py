@@ -185,6 +185,11 @@ class SequenceDecoder:
         for axis in plan.axes:
             if not plan.phase_sets(axis):
                 raise InputError(f"sequence: expected fringes along {axis}, got Gray code only")
+        if plan.order != tuple(range(plan.frames)):
+            raise InputError(
+                "sequence: expected a plan without least_first, inverses_last and bits_in_turn, "
+                "whose bits come from the most significant one on, got one with another order"
+            )
         check_every(every)
         self._plan, self._labels = plan, plan.labels()
         self._decodings = decodings_of(plan_with_light(plan), True, None)

@@ -77,7 +77,8 @@ class StreamingDecoder:
             raise FramesContradictPlan(f"frames: the plan has {len(self._labels)}, got one more")
         shape, kind = self._first or (frame.shape, frame.dtype)
         check_frame(frame, self._labels[index], shape, kind)
-        block = next(b for k, b in reversed(self._plan.placed) if k <= index)
+        pattern = self._plan.order[index]
+        block = next(b for k, b in reversed(self._plan.placed) if k <= pattern)
         if isinstance(block, PhaseSteps | GrayCode):
             refuse_constant(frame, self._labels[index], frame[:1])
         self._first = shape, kind

@@ -203,4 +203,4 @@ def live_points(link: Link, devices: tuple[str, str], setup: str, rig: str) -> N
 def along(plan: PatternPlan, axis: Axis) -> PatternPlan:
     """Return the part of a plan that varies along an axis: points need no more."""
     blocks = tuple(b for b in plan.blocks if isinstance(b, Uniform) or b.axis == axis)
-    return plan if axis not in plan.axes else replace(plan, blocks=blocks)
+    return plan if axis not in plan.axes else replace(plan, blocks=blocks, bits_in_turn=False)

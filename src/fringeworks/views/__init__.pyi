@@ -8,6 +8,9 @@ from .poses import (
 from ..surface.camera_blur import (
     remove_blur as remove_blur,
 )
+from .photograph_colours import (
+    colour_by_photograph as colour_by_photograph,
+)
 from .closing import (
     closed_mesh as closed_mesh,
 )

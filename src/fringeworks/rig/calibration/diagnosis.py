@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import scipy
 
+from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.calibration.calibrate import Calibration, Observation, unmoved
 from fringeworks.rig.calibration.parameters import DEVICE_SIZE
 from fringeworks.rig.calibration.poses import tilts_deg
 from fringeworks.types import Axis, Finding, FloatMap
+from fringeworks.types.numbers import number
 
 USUAL_POSES = 10
 """Number of poses from which on a calibration is not called short of poses: the usual advice for
@@ -47,6 +49,15 @@ MIN_READ_SHARE = 0.5
 missing. A board that reaches out of the projector's light loses a row or two."""
 LISTED_CORNERS = 8
 """Largest number of corners that one finding lists by column and row; a line holds no more."""
+
+SMALL_PITCH_MM = 5.0
+"""Squares below which a unit other than mm is likely, mm: boards have squares of 5 to 60 mm, and in
+cm these are 0.5 to 6."""
+SMALL_DISTANCE_MM = 150.0
+"""Distance of the board below which it is, mm: scanners stand 200 to 2000 mm away. Boards of small
+squares that are farther away are small boards."""
+PITCH_IN_METRES = 0.1
+"""Squares below which the unit was metres: in cm they would be of less than 1 mm."""
 
 
 def pose_figures(calibration: Calibration) -> list[dict[str, Any]]:
@@ -116,10 +127,11 @@ def diagnose(calibration: Calibration) -> list[Finding]:
     Returns
     -------
     list of Finding, the most important first; empty for a calibration without fault. Their kinds
-    are pose, ripple, board, tilt, poses, coverage, weak, field, structure, disagreement,
+    are unit, pose, ripple, board, tilt, poses, coverage, weak, field, structure, disagreement,
     convergence, corners and skipped.
     """
     return [
+        *unit_findings(calibration.board, calibration.adjusted.poses),
         *_odd_poses(calibration),
         *ripple_findings(calibration.observations),
         *_bent_board(calibration),
@@ -134,6 +146,30 @@ def diagnose(calibration: Calibration) -> list[Finding]:
         *_outlying_corners(calibration),
         *skipped_poses(calibration.skipped),
     ]
+
+
+def unit_findings(board: Board, poses: Sequence[FloatMap]) -> list[Finding]:
+    """Return a finding for a board whose sizes and distances are too small to be in mm.
+
+    Parameters
+    ----------
+    board : Board
+    poses : sequence of (4, 4) arrays
+        From the board's coordinates to the camera's.
+    """
+    distance = float(np.median([T[2, 3] for T in poses]))
+    if board.pitch_mm >= SMALL_PITCH_MM or distance >= SMALL_DISTANCE_MM:
+        return []
+    in_metres = board.pitch_mm < PITCH_IN_METRES
+    unit, times = ("metres", 1000.0) if in_metres else ("cm or inches", 10.0)
+    factor = "1000" if in_metres else "10 or 25.4"
+    seen = (
+        f"the board has a pitch of {number(board.pitch_mm)} mm and was {number(distance)} mm away: "
+        f"if its size was given in {unit}, all lengths are {factor} times too small"
+    )
+    figures = {"pitch_mm": board.pitch_mm, "distance_mm": distance}
+    advice = f"give the board's size in mm, such as {number(times * board.pitch_mm)}"
+    return [Finding("unit", seen, advice=advice, figures=figures)]
 
 
 def _odd_poses(calibration: Calibration) -> list[Finding]:

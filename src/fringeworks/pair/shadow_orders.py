@@ -8,11 +8,13 @@ that a − u(a) = b − u(b).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from fringeworks.pair.order_range import AWAY, SHADOW_TOLERANCE, dark_pixels, shadows_along
-from fringeworks.pair.order_regions import Links, continuity, likely_orders
+from fringeworks.pair.order_regions import Links, Orders, continuity, likely_orders
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.signal.filters import widened
 from fringeworks.types import BoolMap, DisplacementMap, FloatMap, Frozen, Reason, sealed
@@ -26,9 +28,8 @@ fewer."""
 CONTINUES = 0.5
 """Continuity from which on a pixel belongs to a surface: a cliff is less likely than none."""
 REACH = 1.0
-"""Distance from the ends of a shadow within which the surfaces beside it must begin, and from a
-surface of another order within which uncertain pixels are removed, periods: filters smear a cliff
-over about one period."""
+"""Distance from the ends of a shadow within which the surfaces beside it must begin, periods:
+filters smear a cliff over about one period."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,19 +74,44 @@ def by_shadows(
         nowhere = np.zeros(u.shape, bool)
         return found, ShadowOrders(turn(nowhere.astype(np.int16)), turn(nowhere), 0)
     continues = continuity(prepared, u)
-    links = _linked(seen, continues >= CONTINUES, REACH * period)
+    on = continues >= CONTINUES
+    links = _linked(seen, on, REACH * period)
     orders = likely_orders(continues, links, period)
-    other = orders.undecided | (orders.whole != 0)
-    edges = widened(other, max(1, round(REACH * period))) & (continues < CONTINUES)
-    refused = orders.undecided | edges
-    whole = np.where(refused, 0, orders.whole).astype(np.int16)
     at = (links.rows, links.columns)
-    left = links.whole - np.diff(orders.whole[at].astype(np.int64), axis=1)[:, 0]
-    still = (left != 0) & ~np.any(refused[at], axis=1)
-    corrections = ShadowOrders(
-        sealed(turn(whole)), sealed(turn(refused)), int(np.count_nonzero(still))
-    )
+    open_links = links.whole != np.diff(orders.whole[at].astype(np.int64), axis=1)[:, 0]
+    refused = _undecided(orders, on, links, open_links)
+    whole = np.where(refused, 0, orders.whole).astype(np.int16)
+    still = int(np.count_nonzero(open_links & ~np.any(refused[at], axis=1)))
+    corrections = ShadowOrders(sealed(turn(whole)), sealed(turn(refused)), still)
     return _corrected(found, corrections), corrections
+
+
+def _undecided(orders: Orders, on: BoolMap, links: Links, open_links: BoolMap) -> BoolMap:
+    """Pixels whose order stays open, (h, w).
+
+    These are surfaces that the evidence leaves undecided, or that most of their links contradict;
+    all broken places that touch them, or a surface that was moved; and surfaces without links that
+    only such places separate from others: nothing tells their order.
+    """
+    place, count = scipy.ndimage.label(on)
+    gap, gaps = scipy.ndimage.label(~on)
+    rim = np.zeros(count + 1, bool)
+    for side in (place[0], place[-1], place[:, 0], place[:, -1]):
+        rim[side] = True
+    ends = place[links.rows, links.columns]
+    links_of = np.bincount(ends.ravel(), minlength=count + 1)
+    against = np.bincount(ends[open_links].ravel(), minlength=count + 1)
+    lost_place = ~rim & (2 * against > links_of)
+    free = ~rim & (links_of == 0)
+    touched = (orders.whole != 0) | orders.undecided
+    lost_gap = np.zeros(gaps + 1, bool)
+    while True:
+        beside = widened(touched | (on & lost_place[place]), 1) & ~on
+        if lost_gap[gap[beside]].all():
+            break
+        lost_gap[gap[beside]] = True
+        lost_place[place[widened(~on & lost_gap[gap], 1) & on & free[place]]] = True
+    return np.asarray(orders.undecided | np.where(on, lost_place[place], lost_gap[gap]))
 
 
 def _corrected(found: DisplacementMap, orders: ShadowOrders) -> DisplacementMap:

@@ -41,7 +41,7 @@ class ShadowOrders(Frozen):
     refused: BoolMap
     """Surfaces whose order the shadows leave open, and the edges of those that were moved."""
     open_lines: int
-    """Lines whose shadow differs by whole periods from the step, beside surfaces that stay."""
+    """Lines whose shadow differs by whole periods from the step, and whose order stays open."""
 
 
 def by_shadows(
@@ -81,7 +81,9 @@ def by_shadows(
     open_links = links.whole != np.diff(orders.whole[at].astype(np.int64), axis=1)[:, 0]
     refused = _undecided(orders, on, links, open_links)
     whole = np.where(refused, 0, orders.whole).astype(np.int16)
-    still = int(np.count_nonzero(open_links & ~np.any(refused[at], axis=1)))
+    # A line that no surface was found beside, and one that is open, leave an order open.
+    unused = np.count_nonzero(seen.whole) - np.count_nonzero(links.whole)
+    still = int(unused + np.count_nonzero(open_links | orders.undecided[at].any(axis=1)))
     corrections = ShadowOrders(sealed(turn(whole)), sealed(turn(refused)), still)
     return _corrected(found, corrections), corrections
 

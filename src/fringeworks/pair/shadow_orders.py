@@ -75,25 +75,28 @@ def by_shadows(
         return found, ShadowOrders(turn(nowhere.astype(np.int16)), turn(nowhere), 0)
     continues = continuity(prepared, u)
     on = continues >= CONTINUES
-    links = _linked(seen, on, REACH * period)
+    links, unused = _linked(seen, on, REACH * period)
     orders = likely_orders(continues, links, period)
     at = (links.rows, links.columns)
     open_links = links.whole != np.diff(orders.whole[at].astype(np.int64), axis=1)[:, 0]
-    refused = _undecided(orders, on, links, open_links)
+    refused = _undecided(orders, on, links, open_links, unused)
     whole = np.where(refused, 0, orders.whole).astype(np.int16)
     # A line that no surface was found beside, and one that is open, leave an order open.
-    unused = np.count_nonzero(seen.whole) - np.count_nonzero(links.whole)
-    still = int(unused + np.count_nonzero(open_links | orders.undecided[at].any(axis=1)))
+    still = int(np.count_nonzero(open_links | orders.undecided[at].any(axis=1)))
+    still += unused.whole.size
     corrections = ShadowOrders(sealed(turn(whole)), sealed(turn(refused)), still)
     return _corrected(found, corrections), corrections
 
 
-def _undecided(orders: Orders, on: BoolMap, links: Links, open_links: BoolMap) -> BoolMap:
+def _undecided(
+    orders: Orders, on: BoolMap, links: Links, open_links: BoolMap, unused: Links
+) -> BoolMap:
     """Pixels whose order stays open, (h, w).
 
     These are surfaces that the evidence leaves undecided, or that most of their links contradict;
-    all broken places that touch them, or a surface that was moved; and surfaces without links that
-    only such places separate from others: nothing tells their order.
+    all broken places that touch them, or a surface that was moved, or that shadows contradict
+    which no surface was found beside; and surfaces without links that only such places separate
+    from others: nothing tells their order.
     """
     place, count = scipy.ndimage.label(on)
     gap, gaps = scipy.ndimage.label(~on)
@@ -106,12 +109,11 @@ def _undecided(orders: Orders, on: BoolMap, links: Links, open_links: BoolMap) -
     lost_place = ~rim & (2 * against > links_of)
     free = ~rim & (links_of == 0)
     touched = (orders.whole != 0) | orders.undecided
-    lost_gap = np.zeros(gaps + 1, bool)
-    while True:
-        beside = widened(touched | (on & lost_place[place]), 1) & ~on
-        if lost_gap[gap[beside]].all():
-            break
-        lost_gap[gap[beside]] = True
+    lines = np.bincount(gap[unused.rows, unused.columns].max(axis=1), minlength=gaps + 1)
+    lost_gap = lines >= MIN_LINES
+    before = -1
+    while before != (before := np.count_nonzero(lost_gap) + np.count_nonzero(lost_place)):
+        lost_gap[gap[widened(touched | (on & lost_place[place]), 1) & ~on]] = True
         lost_place[place[widened(~on & lost_gap[gap], 1) & on & free[place]]] = True
     return np.asarray(orders.undecided | np.where(on, lost_place[place], lost_gap[gap]))
 
@@ -167,8 +169,9 @@ def _seen(prepared: PreparedPair, u: FloatMap, period_px: float) -> Links:
     )
 
 
-def _linked(seen: Links, on: BoolMap, reach_px: float) -> Links:
-    """The same shadows between the surfaces beside them, without those beside none.
+def _linked(seen: Links, on: BoolMap, reach_px: float) -> tuple[Links, Links]:
+    """The same shadows between the surfaces beside them, and those beside none that contradict
+    their step.
 
     Both ends go on along their row to the first pixel of a surface.
     """
@@ -179,4 +182,8 @@ def _linked(seen: Links, on: BoolMap, reach_px: float) -> Links:
     last = beyond[seen.rows[:, 1], seen.columns[:, 1]]
     near = (first >= 0) & (last < columns.size)
     near &= (seen.columns[:, 0] - first < reach_px) & (last - seen.columns[:, 1] < reach_px)
-    return Links(seen.rows[near], np.stack((first, last), axis=1)[near], seen.whole[near])
+    unused = ~near & (seen.whole != 0)
+    return (
+        Links(seen.rows[near], np.stack((first, last), axis=1)[near], seen.whole[near]),
+        Links(seen.rows[unused], seen.columns[unused], seen.whole[unused]),
+    )

@@ -11,7 +11,7 @@ from fringeworks import Pair, reconstruct
 from fringeworks.pair.analyse import analyse
 from fringeworks.pair.order_regions import LEAST, Links, _Graph, continuity, likely_orders
 from fringeworks.pair.prepared import prepare
-from tests.test_pair_orders import PERIOD, SHAPE, X, Y, boxed, photographed
+from tests.cliff_scenes import PERIOD, SHAPE, X, Y, boxed, photographed
 
 BLOCK_PX = 2
 ONE_BLOCK = 6.0 * BLOCK_PX

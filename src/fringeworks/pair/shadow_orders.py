@@ -59,8 +59,8 @@ def by_shadows(
     -------
     The displacement, and the corrections. Surfaces are moved by the whole periods that are the most
     likely by all shadows and by where the fringes continue (``likely_orders``). Surfaces whose
-    order depends on the weight of the evidence are NaN (``ORDER_AMBIGUOUS``), and so are the edges
-    of both.
+    order depends on the weight of the evidence are NaN (``ORDER_AMBIGUOUS``), and so are broken
+    places beside both, and surfaces there that no shadow reaches.
 
     Notes
     -----
@@ -112,7 +112,7 @@ def _undecided(
     lines = np.bincount(gap[unused.rows, unused.columns].max(axis=1), minlength=gaps + 1)
     lost_gap = lines >= MIN_LINES
     before = -1
-    while before != (before := np.count_nonzero(lost_gap) + np.count_nonzero(lost_place)):
+    while before != (before := int(lost_gap.sum() + lost_place.sum())):
         lost_gap[gap[widened(touched | (on & lost_place[place]), 1) & ~on]] = True
         lost_place[place[widened(~on & lost_gap[gap], 1) & on & free[place]]] = True
     return np.asarray(orders.undecided | np.where(on, lost_place[place], lost_gap[gap]))

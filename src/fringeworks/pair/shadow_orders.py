@@ -83,7 +83,7 @@ def by_shadows(
     whole = np.where(refused, 0, orders.whole).astype(np.int16)
     # A line that no surface was found beside, and one that is open, leave an order open.
     still = int(np.count_nonzero(open_links | orders.undecided[at].any(axis=1)))
-    still += unused.whole.size
+    still += len(unused.whole)
     corrections = ShadowOrders(sealed(turn(whole)), sealed(turn(refused)), still)
     return _corrected(found, corrections), corrections
 
@@ -111,8 +111,8 @@ def _undecided(
     touched = (orders.whole != 0) | orders.undecided
     lines = np.bincount(gap[unused.rows, unused.columns].max(axis=1), minlength=gaps + 1)
     lost_gap = lines >= MIN_LINES
-    before = -1
-    while before != (before := int(lost_gap.sum() + lost_place.sum())):
+    lost = -1
+    while lost != (lost := int(np.count_nonzero(lost_gap)) + int(np.count_nonzero(lost_place))):
         lost_gap[gap[widened(touched | (on & lost_place[place]), 1) & ~on]] = True
         lost_place[place[widened(~on & lost_gap[gap], 1) & on & free[place]]] = True
     return np.asarray(orders.undecided | np.where(on, lost_place[place], lost_gap[gap]))

@@ -1,4 +1,4 @@
-"""Boxes on a tilted plane, whose edges jump by parts of a period."""
+"""Boxes whose edges jump by parts of a period and more, with and without their shadows."""
 
 from __future__ import annotations
 
@@ -7,6 +7,10 @@ import numpy as np
 from scipy import ndimage
 
 import fringeworks as fw
+
+SHAPE = (150, 220)
+PERIOD = 12.0
+Y, X = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
 
 
 def boxes(seed, period, *, quality=None, painted=False, side=400):
@@ -39,3 +43,28 @@ def boxes(seed, period, *, quality=None, painted=False, side=400):
 
     near = ndimage.distance_transform_cdt(~cliff, "chessboard")
     return fw.Pair(frame(0 * u, 1.0), frame(u, albedo), axis="x"), u, near
+
+
+def photographed(u, *, lit=True, gamma=1.0, seed=0, drift=0.0):
+    """Fringes displaced by u px along x, blurred, with noise, 8 bit."""
+    wave = (0.5 + 0.5 * np.cos(2 * np.pi * ((X - u) / PERIOD + drift))) ** gamma
+    light = ndimage.gaussian_filter(10.0 + 180.0 * wave * lit, 0.7)
+    noise = np.random.default_rng(seed).standard_normal(SHAPE)
+    return np.clip(np.round(light + noise), 0, 255).astype(np.uint8)
+
+
+def box(periods):
+    """A turned box of so many periods, lit from the left: its displacement, and what is lit."""
+    step = periods * PERIOD
+
+    def on(x):
+        along, across = 0.9 * (x - 90) + 0.436 * (Y - 75), 0.9 * (Y - 75) - 0.436 * (x - 90)
+        return (np.abs(along) < 35) & (np.abs(across) < 32)
+
+    shade = np.any([on(X - t) for t in np.arange(0.0, step, 0.5)], axis=0) & ~on(X)
+    return np.where(on(X), -step, 0.0), ~shade
+
+
+def boxed(periods):
+    u, lit = box(periods)
+    return fw.Pair(photographed(0.0), photographed(u, lit=lit, seed=1), axis="x"), u, lit

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
 
 from fringeworks import InputError, Pair, reconstruct
 from fringeworks.pair.analyse import analyse
@@ -14,36 +13,9 @@ from fringeworks.pair.carrier import find_carrier
 from fringeworks.pair.prepared import prepare
 from fringeworks.pair.shadow_orders import by_shadows
 from fringeworks.pair.tears import without_tears
+from tests.cliff_scenes import PERIOD, X, Y, box, boxed, photographed
 
-SHAPE = (150, 220)
-PERIOD = 12.0
-Y, X = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
 pytestmark = pytest.mark.statistical
-
-
-def photographed(u, *, lit=True, gamma=1.0, seed=0, drift=0.0):
-    """Fringes displaced by u px along x, blurred, with noise, 8 bit."""
-    wave = (0.5 + 0.5 * np.cos(2 * np.pi * ((X - u) / PERIOD + drift))) ** gamma
-    light = gaussian_filter(10.0 + 180.0 * wave * lit, 0.7)
-    noise = np.random.default_rng(seed).standard_normal(SHAPE)
-    return np.clip(np.round(light + noise), 0, 255).astype(np.uint8)
-
-
-def box(periods):
-    """A turned box of so many periods, lit from the left: its displacement, and what is lit."""
-    step = periods * PERIOD
-
-    def on(x):
-        along, across = 0.9 * (x - 90) + 0.436 * (Y - 75), 0.9 * (Y - 75) - 0.436 * (x - 90)
-        return (np.abs(along) < 35) & (np.abs(across) < 32)
-
-    shade = np.any([on(X - t) for t in np.arange(0.0, step, 0.5)], axis=0) & ~on(X)
-    return np.where(on(X), -step, 0.0), ~shade
-
-
-def boxed(periods):
-    u, lit = box(periods)
-    return Pair(photographed(0.0), photographed(u, lit=lit, seed=1), axis="x"), u, lit
 
 
 @pytest.mark.parametrize("periods", [0.7, 0.85, 1.4, 1.7])

@@ -8,44 +8,28 @@ that a − u(a) = b − u(b).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from fringeworks.pair.order_range import AWAY, SHADOW_TOLERANCE, dark_pixels, shadows_along
+from fringeworks.pair.order_regions import Links, Orders, continuity, likely_orders
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.signal.filters import widened
 from fringeworks.types import BoolMap, DisplacementMap, FloatMap, Frozen, Reason, sealed
-from fringeworks.types.packages import cv2
 
 MIN_SHADOW = 0.5
 """Shortest shadow whose width is read, periods. The dark part of a fringe has 0.2 periods. A step
 that is measured in the wrong direction casts a shadow of more than 0.5 periods."""
 MIN_LINES = 8
-"""Fewest lines through the shadows of a surface by which its order is corrected. Marks and dirt
-have fewer."""
-LEVEL = 0.12
-"""Largest difference of the displacement of a surface from that at its shadows, periods. Where a
-surface differs from its surroundings by less, the two are not separated, and are only reported."""
-AGREEMENT = 0.8
-"""Least share of the lines of a surface that must show the same number of periods."""
-FLAT = 0.05
-"""Largest range of the displacement over half a period around a cliff, periods. A steeper place may
-be the flank of a smooth surface that has the same level by chance."""
-FLAT_SHARE = 0.9
-"""Least share of a level surface, and of its surroundings, that must be flat or unknown. The
-surface then ends at cliffs all around."""
-RING = (0.75, 1.25)
-"""Smallest and largest distance of these surroundings, periods: filters smear a cliff over about
-one period."""
-LARGEST = 0.4
-"""Largest share of the frame that is moved. A larger surface is the background."""
-UNKNOWN_PX = 1e9
-"""Value of unknown displacements while surfaces are filled: no level surface reaches it."""
-MAX_SURFACES = 64
-"""Largest number of surfaces that are examined; it bounds the time."""
+"""Fewest lines through shadows that are reported where no order explains them. Marks and dirt have
+fewer."""
+CONTINUES = 0.5
+"""Continuity from which on a pixel belongs to a surface: a cliff is less likely than none."""
+REACH = 1.0
+"""Distance from the ends of a shadow within which the surfaces beside it must begin, periods:
+filters smear a cliff over about one period."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,20 +39,9 @@ class ShadowOrders(Frozen):
     moved: NDArray[np.int16]
     """Whole periods that were added."""
     refused: BoolMap
-    """Surfaces that their shadows contradict, and the edges of those that were moved."""
+    """Surfaces whose order the shadows leave open, and the edges of those that were moved."""
     open_lines: int
-    """Lines whose shadow differs by whole periods from the step, without a surface to move."""
-
-
-class _Seen(NamedTuple):
-    """Shadows along lines, (n,) arrays; rows and columns of the prepared pair."""
-
-    rows: NDArray[np.intp]
-    """(n, 2), of the pixels before and beyond the shadow."""
-    columns: NDArray[np.intp]
-    """(n, 2)"""
-    whole: NDArray[np.int16]
-    """Whole periods by which the second is further from the first than measured."""
+    """Lines whose shadow differs by whole periods from the step, and whose order stays open."""
 
 
 def by_shadows(
@@ -84,9 +57,10 @@ def by_shadows(
 
     Returns
     -------
-    The displacement, and the corrections. A level surface that ends at cliffs all around is moved
-    by whole periods where its shadows show the same number of them. Any other level surface that
-    its shadows contradict is NaN (``ORDER_AMBIGUOUS``), and so are the edges of both.
+    The displacement, and the corrections. Surfaces are moved by the whole periods that are the most
+    likely by all shadows and by where the fringes continue (``likely_orders``). Surfaces whose
+    order depends on the weight of the evidence are NaN (``ORDER_AMBIGUOUS``), and so are broken
+    places beside both, and surfaces there that no shadow reaches.
 
     Notes
     -----
@@ -96,21 +70,52 @@ def by_shadows(
     turn, period = prepared.to_capture, found.period_px
     u = np.asarray(turn(found.displacement_px), np.float64)
     seen = _seen(prepared, u, period)
-    moved, refused = np.zeros(u.shape, np.int16), np.zeros(u.shape, bool)
-    open_lines, steep = 0, _steep(u, period)
-    for surface, wholes in _surfaces(u, seen, period):
-        whole = int(np.median(wholes))
-        agree = float(np.mean(wholes == whole))
-        if surface is None or wholes.size < MIN_LINES:
-            open_lines += int(np.count_nonzero(wholes))
-        elif whole and agree >= AGREEMENT and _ends_at_cliffs(surface, steep, period):
-            moved[surface] = whole
-            refused |= widened(surface, max(1, round(AWAY * period)))
-        elif whole or agree < AGREEMENT:
-            refused |= widened(surface, max(1, round(AWAY * period)))
-    refused &= moved == 0
-    orders = ShadowOrders(sealed(turn(moved)), sealed(turn(refused)), open_lines)
-    return _corrected(found, orders), orders
+    if not seen.whole.any():
+        nowhere = np.zeros(u.shape, bool)
+        return found, ShadowOrders(turn(nowhere.astype(np.int16)), turn(nowhere), 0)
+    continues = continuity(prepared, u)
+    on = continues >= CONTINUES
+    links, unused = _linked(seen, on, REACH * period)
+    orders = likely_orders(continues, links, period)
+    at = (links.rows, links.columns)
+    open_links = links.whole != np.diff(orders.whole[at].astype(np.int64), axis=1)[:, 0]
+    refused = _undecided(orders, on, links, open_links, unused)
+    whole = np.where(refused, 0, orders.whole).astype(np.int16)
+    # A line that no surface was found beside, and one that is open, leave an order open.
+    still = int(np.count_nonzero(open_links | orders.undecided[at].any(axis=1)))
+    still += len(unused.whole)
+    corrections = ShadowOrders(sealed(turn(whole)), sealed(turn(refused)), still)
+    return _corrected(found, corrections), corrections
+
+
+def _undecided(
+    orders: Orders, on: BoolMap, links: Links, open_links: BoolMap, unused: Links
+) -> BoolMap:
+    """Pixels whose order stays open, (h, w).
+
+    These are surfaces that the evidence leaves undecided, or that most of their links contradict;
+    all broken places that touch them, or a surface that was moved, or that shadows contradict
+    which no surface was found beside; and surfaces without links that only such places separate
+    from others: nothing tells their order.
+    """
+    place, count = scipy.ndimage.label(on)
+    gap, gaps = scipy.ndimage.label(~on)
+    rim = np.zeros(count + 1, bool)
+    for side in (place[0], place[-1], place[:, 0], place[:, -1]):
+        rim[side] = True
+    ends = place[links.rows, links.columns]
+    links_of = np.bincount(ends.ravel(), minlength=count + 1)
+    against = np.bincount(ends[open_links].ravel(), minlength=count + 1)
+    lost_place = ~rim & (2 * against > links_of)
+    free = ~rim & (links_of == 0)
+    touched = (orders.whole != 0) | orders.undecided
+    lines = np.bincount(gap[unused.rows, unused.columns].max(axis=1), minlength=gaps + 1)
+    lost_gap = lines >= MIN_LINES
+    lost = -1
+    while lost != (lost := int(np.count_nonzero(lost_gap)) + int(np.count_nonzero(lost_place))):
+        lost_gap[gap[widened(touched | (on & lost_place[place]), 1) & ~on]] = True
+        lost_place[place[widened(~on & lost_gap[gap], 1) & on & free[place]]] = True
+    return np.asarray(orders.undecided | np.where(on, lost_place[place], lost_gap[gap]))
 
 
 def _corrected(found: DisplacementMap, orders: ShadowOrders) -> DisplacementMap:
@@ -134,7 +139,7 @@ def _corrected(found: DisplacementMap, orders: ShadowOrders) -> DisplacementMap:
     )
 
 
-def _seen(prepared: PreparedPair, u: FloatMap, period_px: float) -> _Seen:
+def _seen(prepared: PreparedPair, u: FloatMap, period_px: float) -> Links:
     """Shadows along lines across the fringes, the direction in which projectors are set up."""
     h, w = u.shape
     slope = prepared.frequency[1] / prepared.frequency[0]
@@ -157,62 +162,28 @@ def _seen(prepared: PreparedPair, u: FloatMap, period_px: float) -> _Seen:
     periods = ((last - first) * (1.0 + slope**2) - step) / period_px
     sure = np.abs(periods - np.round(periods)) < SHADOW_TOLERANCE  # not where a step is unknown
     line, before, beyond = line[sure], before[sure], beyond[sure]
-    return _Seen(
+    return Links(
         np.stack((rows[line, before], rows[line, beyond]), axis=1),
         np.stack((before, beyond), axis=1),
-        np.round(periods[sure]).astype(np.int16),
+        np.round(periods[sure]).astype(np.int64),
     )
 
 
-def _surfaces(
-    u: FloatMap, seen: _Seen, period_px: float
-) -> list[tuple[BoolMap | None, NDArray[np.int16]]]:
-    """Level surfaces beside shadows, and the whole periods that each of their lines adds to them;
-    None for what cannot be separated from the background."""
-    found: list[tuple[BoolMap | None, NDArray[np.int16]]] = []
-    todo = seen.whole != 0
-    known = np.nan_to_num(u, nan=UNKNOWN_PX).astype(np.float32)
-    while todo.any() and len(found) < MAX_SURFACES:
-        first = int(np.flatnonzero(todo)[0])
-        sides = [
-            _level(known, seen.rows[first, k], seen.columns[first, k], period_px) for k in (0, 1)
-        ]
-        sizes = [surface.mean() for surface in sides]
-        side = int(np.argmin(sizes))
-        surface = sides[side]
-        ends = [surface[seen.rows[:, k], seen.columns[:, k]] for k in (0, 1)]
-        separate = ends[0] != ends[1]
-        separate[first] &= sizes[side] <= LARGEST
-        wholes = np.where(ends[1], seen.whole, -seen.whole)[separate]
-        if separate[first]:
-            found.append((surface, wholes))
-            todo &= ~separate
-        else:
-            found.append((None, seen.whole[first : first + 1]))
-        todo[first] = False
-    return found
+def _linked(seen: Links, on: BoolMap, reach_px: float) -> tuple[Links, Links]:
+    """The same shadows between the surfaces beside them, and those beside none that contradict
+    their step.
 
-
-def _steep(u: FloatMap, period_px: float) -> BoolMap:
-    """Pixels around which the displacement is not flat, (h, w)."""
-    side = 2 * max(1, round(0.25 * period_px)) + 1
-    high = scipy.ndimage.maximum_filter(np.nan_to_num(u, nan=-np.inf), side)
-    low = scipy.ndimage.minimum_filter(np.nan_to_num(u, nan=np.inf), side)
-    return np.asarray(np.isfinite(u) & (high - low > FLAT * period_px))
-
-
-def _ends_at_cliffs(surface: BoolMap, steep: BoolMap, period_px: float) -> bool:
-    """Whether a level surface is flat, and its surroundings too: it ends at cliffs then."""
-    near, far = (widened(surface, max(1, round(d * period_px))) for d in RING)
-    inside = ~widened(~surface, max(1, round(AWAY * period_px)))
-    parts = (far & ~near, inside)
-    return all(part.any() and float(np.mean(~steep[part])) >= FLAT_SHARE for part in parts)
-
-
-def _level(u: NDArray[np.float32], row: int, column: int, period_px: float) -> BoolMap:
-    """The connected pixels whose displacement is about that of one of them, (h, w)."""
-    filled = np.zeros((u.shape[0] + 2, u.shape[1] + 2), np.uint8)
-    range_px = LEVEL * period_px
-    flags = cv2.FLOODFILL_FIXED_RANGE | cv2.FLOODFILL_MASK_ONLY | 4
-    cv2.floodFill(u, filled, (int(column), int(row)), 0.0, range_px, range_px, flags)
-    return np.asarray(filled[1:-1, 1:-1] > 0)
+    Both ends go on along their row to the first pixel of a surface.
+    """
+    columns = np.arange(on.shape[1])
+    before = np.maximum.accumulate(np.where(on, columns, -1), axis=1)
+    beyond = np.minimum.accumulate(np.where(on, columns, columns.size)[:, ::-1], axis=1)[:, ::-1]
+    first = before[seen.rows[:, 0], seen.columns[:, 0]]
+    last = beyond[seen.rows[:, 1], seen.columns[:, 1]]
+    near = (first >= 0) & (last < columns.size)
+    near &= (seen.columns[:, 0] - first < reach_px) & (last - seen.columns[:, 1] < reach_px)
+    unused = ~near & (seen.whole != 0)
+    return (
+        Links(seen.rows[near], np.stack((first, last), axis=1)[near], seen.whole[near]),
+        Links(seen.rows[unused], seen.columns[unused], seen.whole[unused]),
+    )

@@ -283,7 +283,8 @@ def shadow_findings(shadows: ShadowOrders, *, applied: bool) -> tuple[Finding, .
             "shadows",
             "shadows contradict the steps beside them by whole fringe periods: "
             f"{100 * moved:.1f} % of the pixels {told_as[0]}, {100 * refused:.1f} % "
-            f"{told_as[1]}, and {shadows.open_lines} lines belong to no separate surface",
+            f"{told_as[1]}, and beside {shadows.open_lines} lines, a surface whose border is not "
+            "seen may be off by whole periods",
             causes=("a step of half a period or more", "dark paint that looks like a shadow"),
             advice="use fringes of a longer period, or shifted fringes with Gray code, where "
             "the object has such steps",

@@ -188,7 +188,7 @@ class _Set:
         samples = [moved_back(frames[k], motion, t) for k, t in zip(part, times, strict=True)]
         there = motion.moved_px(block.axis, float(np.mean(times)))
         per_px = np.float32(TURN / block.period_px)
-        turned = [(motion.moved_px(block.axis, t) - there) * per_px for t in times]
+        turned: list[FloatMap] = [(motion.moved_px(block.axis, t) - there) * per_px for t in times]
         wave, missing, variances = missing_turns(samples, block, turned, self.noise)
         placed = range(cycle * self.cycle + self.first, cycle * self.cycle + part.stop)
         name = self.number, cycle

@@ -78,7 +78,8 @@ def ripples(
     rows, columns = max(1, wave.shape[0] // block), max(1, wave.shape[1] // block)
     whole = [one[: rows * block, : columns * block] for one in parts]
     real, imag = (
-        np.asarray(cv2.resize(one, (columns, rows), interpolation=cv2.INTER_AREA)) for one in whole
+        np.asarray(cv2.resize(one, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
+        for one in whole
     )
     found: list[FloatMap] = [-imag, real]
     off = [one - _mean_around(one) for one in found]

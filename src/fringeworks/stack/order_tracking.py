@@ -104,7 +104,7 @@ def _near_motion(flow_px: FloatMap | None, like: BoolMap) -> BoolMap:
     """Mark pixels with motion across the image in the window around them."""
     if flow_px is None:
         return np.zeros_like(like)
-    moving = flow_px.any(axis=-1).astype(np.uint8)
+    moving = np.asarray(flow_px.any(axis=-1), np.uint8)
     return cv2.dilate(moving, np.ones((SUPPORT_WINDOW, SUPPORT_WINDOW), np.uint8)) > 0
 
 

@@ -24,7 +24,7 @@ SIGMA_PERCENTILE = 98.0
 """Percentile of σ at the end of its colour scale; σ has a long tail at rims."""
 SIGMA_MEDIANS = 4.0
 """Most medians of σ at the end of its scale: where the rims of a round part are more than one pixel
-in fifty, the rest is not all dark. Chosen by eye on a ball, a bust and a plane."""
+in fifty, the rest is not all dark. Chosen by eye on two parts, one of them a ball."""
 GREY_PERCENTILE = 99.5
 """Percentile of brightness and modulation that is drawn white: highlights do not darken the
 rest."""

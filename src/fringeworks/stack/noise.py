@@ -90,8 +90,9 @@ WHOLE_CONTRAST = 0.9
 """Share of a pixel's largest difference of a bit and its inverse, from which on both add up to the
 light of white and black.
 
-A projector that resamples the pattern before its γ shows fine stripes too dark: with γ = 2.2, a bit
-of 0.9 of the contrast and its inverse lack a tenth of their sum, one of 0.5 lacks four tenths.
+A projector that resamples the pattern before its γ shows fine stripes too dark: at a contrast c
+before it, a bit and its inverse add up to ((1 + c)/2)^γ + ((1 - c)/2)^γ. With γ = 2.2 that is 0.9
+at c = 0.9 and 0.6 at 0.5.
 """
 
 EXPOSURE_PASSES = 2

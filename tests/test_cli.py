@@ -581,7 +581,10 @@ def test_paths_are_read_where_captures_are_wanted(capture, tmp_path):
         (lambda: fw.measure(3, "rig.toml"), "stack: expected a Stack or a path, got int"),
         (lambda: fw.measure(capture, "rig.toml"), "rig.toml: expected a rig file"),
         (lambda: fw.analyse("folder"), "pair: expected a Pair, got str"),
-        (lambda: fw.decode("folder", fw.propose(640, 480, 9)[0].plan), "got the path folder"),
+        (
+            lambda: fw.decode("folder", fw.propose(640, 480, 9)[0].plan),
+            "folder: expected a folder or a stack of frames",
+        ),
         (
             lambda: fw.report.summarise("folder"),
             "result: expected a result of fringeworks, got str",

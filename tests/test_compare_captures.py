@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -194,7 +195,8 @@ def test_two_images_on_the_command_line(tmp_path):
     fw.files.write_frame(tmp_path / "cup.png", pair.object)
     images = ("--reference", tmp_path / "plane.png", "--object", tmp_path / "cup.png")
     shown = run("compare", *images, "--method", "fourier,windowed", "--against", "windowed").stdout
-    assert "cup      fourier   px" in shown
+    assert "cup, in px\n" in shown
+    assert re.search(r"^fourier +100\.0 %", shown, re.MULTILINE)
     assert "differences are from windowed" in shown
     for more, message in (
         (("--noise", "2"), "--noise: it is for artificial scenes"),

@@ -198,8 +198,10 @@ def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str]) -> Finding |
         f"{', '.join(f'{d:.1f}' for d in np.degrees(planned) + off)}°, "
         f"off by up to {np.abs(off).max():.1f}°"
     )
-    gains = f"light of the frames differs by up to {100 * np.abs(light).max():.1f} %"
     named = tuple(labels[k] for k in phases.frames)
+    most = int(np.argmax(np.abs(light)))
+    gains = f"light of {named[most]} differs by {100 * np.abs(light[most]):.1f} %"
+    gains += ", of the others by less"
     figures = {
         "largest_step_error_deg": float(np.abs(off).max()),
         "largest_light_change": float(np.abs(light).max()),

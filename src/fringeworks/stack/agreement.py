@@ -47,7 +47,11 @@ JUMP_SHARE = 0.5
 none of the fringe order."""
 
 JUMP_CELLS = 4.0
-"""The same for a Gray code without fringes, in cells; one cell begins to cost."""
+"""The same for a Gray code without fringes, in cells."""
+
+CELL_BEND = 1.0
+"""Bend between neighbours that costs nothing, in cells of a code without fringes: whole cells of an
+even slope make it wherever a cell ends, so that it says nothing of an order."""
 
 RELATIVE_RESIDUAL = 1e-3
 """Variance of a residual that begins to cost, over B², besides the noise: steps that are wrong by
@@ -440,13 +444,13 @@ class LineEvidence:
         fine: Any
         if decoding.sets:
             finest = min(decoding.sets, key=lambda s: s.period_px)
-            period = finest.period_px
+            period, even = finest.period_px, 0.0
             ripple = SIGMAS * period / TURN * _sharpest(finest)[0]
             fine, jump = FINE_SHARE * period + ripple, JUMP_SHARE * period
         else:
             assert decoding.gray is not None
             fine = decoding.gray.step_px
-            jump = JUMP_CELLS * fine
+            even, jump = CELL_BEND * fine, (JUMP_CELLS - CELL_BEND) * fine
         if decoding.sets:
             sigma = options[0]["sigma"][:, 1:-1]
             fine = fine + SIGMAS * np.where(np.isfinite(sigma), sigma, 0.0)
@@ -456,7 +460,8 @@ class LineEvidence:
             bend = maps[i][:, :-2] + maps[k][:, 2:] - 2.0 * maps[j][:, 1:-1]
             if np.isfinite(decoding.repeats_px):
                 bend -= decoding.repeats_px * np.rint(bend / decoding.repeats_px)
-            costs[i, j, k] = np.log1p(np.fmin(np.abs(bend), np.float32(jump)) / fine)
+            excess = np.fmin(np.abs(bend) - even, np.float32(jump))
+            costs[i, j, k] = np.log1p(np.fmax(excess, 0.0) / fine)
         return np.asarray(costs / np.log1p(jump / fine))
 
     def _apart(self, decoding: Decoding, maps: dict[str, Any]) -> FloatMap:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
 from itertools import product
 from operator import is_
 from typing import Any
@@ -17,7 +16,7 @@ from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.fits import SampleFit, fit_matrices, fit_samples, times
 from fringeworks.stack.hypothesis import Hypothesis
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
-from fringeworks.stack.line_profile import line_ripple, sharp_residual
+from fringeworks.stack.line_profile import sharpest
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.sample import Lines
 from fringeworks.stack.set_residuals import phase_variance
@@ -47,7 +46,11 @@ JUMP_SHARE = 0.5
 none of the fringe order."""
 
 JUMP_CELLS = 4.0
-"""The same for a Gray code without fringes, in cells; one cell begins to cost."""
+"""The same for a Gray code without fringes, in cells."""
+
+CELL_BEND = 1.0
+"""Bend between neighbours that costs nothing, in cells of a code without fringes: whole cells of an
+even slope make it wherever a cell ends, so that it says nothing of an order."""
 
 RELATIVE_RESIDUAL = 1e-3
 """Variance of a residual that begins to cost, over B², besides the noise: steps that are wrong by
@@ -142,17 +145,6 @@ def _change(order: Hypothesis, decoding: Decoding) -> float:
     bits = () if decoding.gray is None else decoding.gray.bits
     coarser = [len(bits) - 1 - n for n, k in enumerate(bits) if order.places[k : k + 1] == (None,)]
     return CHANGE[0] + CHANGE[1] * min(coarser, default=0)
-
-
-@lru_cache(maxsize=64)
-def _sharpest(phases: PhaseFrames) -> tuple[float, float]:
-    """What sharp lines make without any fault: ripple, rad rms, and squared residuals of the fit,
-    over the squared modulation; nothing of a cosine."""
-    if phases.line_px is None:
-        return 0.0, 0.0
-    share, steps = phases.line_px / phases.period_px, len(phases.frames)
-    residual = sharp_residual(share, steps)
-    return line_ripple(share, steps, residual), residual
 
 
 @dataclass(frozen=True)
@@ -273,6 +265,13 @@ class LineEvidence:
         """Whether coordinates of frames as planned jump at more places than depth edges make."""
         _, maps = self._cost(self.decoding, [self._planned])
         return _jumps(self._bend(maps)[self._known(maps)])
+
+    @property
+    def rough(self) -> bool:
+        """Whether the coordinates of frames as planned are unknown or not smooth in much of the
+        view. Residuals say nothing of it: a response that is not linear makes them everywhere."""
+        _, maps = self._cost(self.decoding, [self._planned])
+        return float(np.mean(self._bend(maps)[self.triples])) > ROUGH
 
     @property
     def unrelated(self) -> str:
@@ -440,13 +439,13 @@ class LineEvidence:
         fine: Any
         if decoding.sets:
             finest = min(decoding.sets, key=lambda s: s.period_px)
-            period = finest.period_px
-            ripple = SIGMAS * period / TURN * _sharpest(finest)[0]
+            period, even = finest.period_px, 0.0
+            ripple = SIGMAS * period / TURN * sharpest(finest)[0]
             fine, jump = FINE_SHARE * period + ripple, JUMP_SHARE * period
         else:
             assert decoding.gray is not None
             fine = decoding.gray.step_px
-            jump = JUMP_CELLS * fine
+            even, jump = CELL_BEND * fine, (JUMP_CELLS - CELL_BEND) * fine
         if decoding.sets:
             sigma = options[0]["sigma"][:, 1:-1]
             fine = fine + SIGMAS * np.where(np.isfinite(sigma), sigma, 0.0)
@@ -456,7 +455,8 @@ class LineEvidence:
             bend = maps[i][:, :-2] + maps[k][:, 2:] - 2.0 * maps[j][:, 1:-1]
             if np.isfinite(decoding.repeats_px):
                 bend -= decoding.repeats_px * np.rint(bend / decoding.repeats_px)
-            costs[i, j, k] = np.log1p(np.fmin(np.abs(bend), np.float32(jump)) / fine)
+            excess = np.fmin(np.abs(bend) - even, np.float32(jump))
+            costs[i, j, k] = np.log1p(np.fmax(excess, 0.0) / fine)
         return np.asarray(costs / np.log1p(jump / fine))
 
     def _apart(self, decoding: Decoding, maps: dict[str, Any]) -> FloatMap:
@@ -492,7 +492,7 @@ class LineEvidence:
         floor = NOISE_RESIDUAL * self.noise.variance(fit.mean) + RELATIVE_RESIDUAL * power
         floor = np.maximum(floor, np.finfo(np.float32).tiny)
         free = len(phases.frames) - 3
-        square = np.fmax(fit.square - np.float32(_sharpest(phases)[1]) * power, 0.0) / free
+        square = np.fmax(fit.square - np.float32(sharpest(phases)[1]) * power, 0.0) / free
         most = _log1p(0.5 * power / floor)
         cost = _log1p(square / floor) / np.maximum(most, np.float32(1.0))
         return np.asarray(np.fmin(cost, 1.0).reshape(self.low.shape)[:, 1:-1])

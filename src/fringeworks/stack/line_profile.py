@@ -8,6 +8,7 @@ of the fit: the residuals tell how sharp the lines are, and with it how much rip
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,3 +87,14 @@ def _harmonics(share: float, steps: int) -> tuple[FloatMap, NDArray[np.bool_], F
     between = ~own & (folded != 0)
     left = 0.5 * steps * power[:, between].sum(axis=1) / power[:, own].sum(axis=1)
     return power, own, left
+
+
+@lru_cache(maxsize=64)
+def sharpest(phases: PhaseFrames) -> tuple[float, float]:
+    """What sharp lines make without any fault: ripple, rad rms, and squared residuals of the fit,
+    over the squared modulation; nothing of a cosine."""
+    if phases.line_px is None:
+        return 0.0, 0.0
+    share, steps = phases.line_px / phases.period_px, len(phases.frames)
+    residual = sharp_residual(share, steps)
+    return line_ripple(share, steps, residual), residual

@@ -122,12 +122,28 @@ def test_a_set_with_another_start_is_named(sign, quarters, periods):
     assert "moved" not in str(told.value).split(", or ")[0]
 
 
-@pytest.mark.parametrize("lost", [0, 1, 3])
-def test_a_step_that_is_dark_by_mistake_is_refused(lost):
+def with_dark_step(lost):
     sets = tuple(PhaseSteps("x", WIDTH / n, equal_steps(4)) for n in (1, 6, 36))
     plan = PatternPlan(WIDTH, 60, sets)
-    frames, _ = photographs(plan, 55, gamma=2.2)
+    frames, place = photographs(plan, 55, gamma=2.2)
     frames[lost][...] = 8
     frames[lost][::2, ::3] = 9
-    with pytest.raises(fw.InputError, match="x-phase-960px"):
+    return plan, frames, place
+
+
+@pytest.mark.parametrize("lost", [1, 3])
+def test_a_step_that_is_dark_by_mistake_is_named(lost):
+    plan, frames, _ = with_dark_step(lost)
+    with pytest.raises(fw.InputError, match=f"light of x-phase-960px-{lost} differs"):
         fw.decode(frames, plan)
+
+
+def test_a_dark_step_that_the_other_frames_make_up_for_is_named():
+    """The three other steps and the finer sets tell the coordinates."""
+    plan, frames, place = with_dark_step(0)
+    found = fw.decode(frames, plan)
+    assert any("light of x-phase-960px-0 differs" in finding.seen for finding in found.findings)
+    error = found.x.coordinate_px - place
+    assert np.isfinite(error).mean() > 0.95
+    assert np.nanmax(np.abs(error)) < 1.0
+    assert np.nanmean(np.abs(error) < 2.0 * found.x.sigma_px) > 0.9

@@ -49,8 +49,16 @@ EXPLAINED = 0.5
 explain 0.57 to 0.96 in simulations; with vibration, the best one explains 0.3 to 0.41."""
 
 LEAST_EXPLAINED = 0.15
-"""Smallest such share of a cause that is named as the nearest one. Right captures in strong
-indirect light leave 0.03 to chance."""
+"""Smallest such share of a cause that is named as the nearest one, where the plan does not fit.
+Right captures in strong indirect light leave 0.03 to chance."""
+
+SOME_EXPLAINED = 0.3
+"""The same where the plan fits as a whole. Right captures leave up to 0.18 to codes of another
+number of bits; a dark bit explains 0.36 and more."""
+
+CONSISTENT = ("set", "sets", "empty")
+"""Kinds of causes that motion from frame to frame does not look like: other signs and starts, and
+frames without a pattern."""
 
 EQUALLY_GOOD = 0.05
 """Share of the gain up to which two orders count as equally good. Blur and noise make less."""
@@ -114,7 +122,8 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
     fitting = _with_own_axes(_with_one_start(fitting))
     if fitting and not _told_by_code(fitting, evidence):
         best = max(fitting, key=lambda one: one[0])
-        words = _words(fitting, vague=not _explains(best, planned, EXPLAINED))
+        told = best[1].kind in CONSISTENT or _explains(best, planned, EXPLAINED)
+        words = _words(fitting, vague=not told)
         raise FramesContradictPlan(words + (also and f"; {also}"))
     if repeated:
         raise FramesContradictPlan(also)
@@ -122,6 +131,12 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
         raise FramesContradictPlan(_words([(0.0, hypothesis)]))
     if suspicious and any(found.rough for found in evidence.values()):
         _refuse_dark_end(plan, evidence)
+    if suspicious and _unfit(planned) and not any(plan.phase_sets(axis) for axis in plan.axes):
+        raise FramesContradictPlan(
+            "frames: the bits of the Gray code contradict each other all over the image, and no "
+            "order of these frames fits; expected the bits of the plan in its order, of one scene "
+            "at rest (likely the plan is another)"
+        )
     return suspicious
 
 
@@ -166,10 +181,17 @@ def _explains(
 
 
 def _near(found: tuple[float, Hypothesis], planned: Mapping[Axis, FloatMap]) -> bool:
-    """Whether an explanation may be the cause. Rows of strong indirect light, as at the crease of
-    wall and floor, are rough under every order: a band has to explain most of it."""
-    least = EXPLAINED if found[1].band else LEAST_EXPLAINED
-    return found[0] > 0.0 and _explains(found, planned, least)
+    """Whether an explanation may be the cause: it explains most of what contradicts the plan, or
+    some of it where the plan does not fit at all. Rows of strong indirect light, as at the crease
+    of wall and floor, are rough under every order, and so is noise."""
+    gain, h = found
+    least = LEAST_EXPLAINED if _unfit(planned) else SOME_EXPLAINED
+    return gain > 0.0 and _explains(found, planned, EXPLAINED if h.band else least)
+
+
+def _unfit(planned: Mapping[Axis, FloatMap]) -> bool:
+    """Whether the plan does not fit the frames at all."""
+    return float(np.mean(np.concatenate(list(planned.values())))) > FITS
 
 
 def _with_one_start(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, Hypothesis]]:

@@ -10,7 +10,7 @@ import fringeworks as fw
 from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
 from fringeworks.stack.hypothesis import Hypothesis
 from fringeworks.stack.order_faults import _near
-from tests.test_other_programs import COLUMN, ROW, SIZE, seen
+from tests.test_other_programs import COLUMN, COLUMNS, ROW, ROWS, SIZE, seen
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -62,3 +62,28 @@ def test_rows_that_are_rough_under_every_order_are_no_late_rows():
     planned = {"x": np.full(1000, 1.4)}
     assert not _near((0.3 * 600 * 1.4, rows), planned)
     assert _near((0.6 * 600 * 1.4, rows), planned)
+
+
+def saturated(gain, plan):
+    """Frames of which most pixels are saturated; the dark ones see the pattern beside as well."""
+    rng = np.random.default_rng(1)
+    paint = np.where(np.hypot(COLUMNS - 60.0, ROWS - 70.0) < 25.0, 0.25, 1.0)
+    other = np.where(paint < 1.0, 0.45, 0.0)
+    frames = []
+    for k in range(plan.frames):
+        light, indirect = plan.blocks[0].values(COLUMN, k), plan.blocks[0].values(ROW + 90.0, k)
+        light = (1.0 - other) * light + other * indirect
+        seen = 15.0 + gain * paint * (10.0 + 80.0 * light) + rng.normal(0.0, 1.0, paint.shape)
+        frames.append(np.clip(np.rint(seen), 0, 255).astype(np.uint8))
+    return frames
+
+
+def test_saturated_pixels_that_fit_the_plan_vote_for_it():
+    """The few others, to which indirect light shows another pattern, were believed."""
+    plan = fw.PatternPlan(*SIZE, (GrayCode("x", 8.0, SIZE[0], True),))
+    frames = saturated(3.2, plan)
+    found = fw.decode(frames, plan).x
+    assert np.mean(np.abs(found.coordinate_px - COLUMN) < 8.0) > 0.9
+    frames[4], frames[8] = frames[8], frames[4]
+    with pytest.raises(fw.InputError, match="saturated: 94% .* besides, frames"):
+        fw.decode(frames, plan)

@@ -135,6 +135,11 @@ def _log1p(ratio: FloatMap) -> FloatMap:
     return np.asarray(np.log((1.0 + ratio).astype(np.float32, copy=False)))
 
 
+def _three(pixels: BoolMap) -> BoolMap:
+    """Pixels of lines that are marked like both of their neighbours, (r, l − 2)."""
+    return np.asarray(pixels[:, 2:] & pixels[:, 1:-1] & pixels[:, :-2])
+
+
 def _jumps(bends: FloatMap) -> bool:
     """Whether more of the known bends are jumps than depth edges make."""
     return bool(np.count_nonzero(bends >= 1.0) > JUMPS * bends.size)
@@ -184,9 +189,12 @@ class LineEvidence:
 
     @cached_property
     def triples(self) -> BoolMap:
-        """(r, l − 2) array: pixels that vote, like both of their neighbours."""
-        v = self.voters
-        return np.asarray(v[:, 2:] & v[:, 1:-1] & v[:, :-2])
+        """(r, l − 2) array: pixels that vote, like both of their neighbours; all that are lit where
+        most are saturated and fit the plan: indirect light may show others another pattern."""
+        votes, spread = _three(self.voters), self.high - self.low
+        lit = _three(spread > LIT * quantile(spread.ravel(), 0.95))
+        few = 2 * np.count_nonzero(votes & lit) < np.count_nonzero(lit)
+        return lit if few and not self._rough(lit) else votes
 
     def uniform(self, frame: int) -> bool:
         """Whether a frame is as dark, or as bright, as any all over the lines."""
@@ -249,15 +257,18 @@ class LineEvidence:
     def suspicious(self) -> bool:
         """Whether another order can be much better than the plan's: where frames are in order, the
         coordinate is known and smooth nearly everywhere, also where a bit of the code changes."""
-        if np.count_nonzero(self.triples) < MIN_JUDGED_PIXELS:
-            return False
+        votes = self.triples
+        return np.count_nonzero(votes) >= MIN_JUDGED_PIXELS and self._rough(votes)
+
+    def _rough(self, votes: BoolMap) -> bool:
+        """Whether coordinates of frames as planned contradict each other at some triples."""
         cost, maps = self._cost(self.decoding, [self._planned])
-        known, bend = self._known(maps), self._bend(maps)
+        known, bend = _three(np.isfinite(maps["coordinate"])) & votes, self._bend(maps)
         if _jumps(bend[known]):
             return True
-        if "apart" in maps and float(np.mean(maps["apart"][self.triples])) > LEAST_APART:
+        if "apart" in maps and float(np.mean(maps["apart"][votes])) > LEAST_APART:
             return True
-        rough = [float(np.mean(part[self.triples])) for part in (cost, maps.get("astray", cost))]
+        rough = [float(np.mean(part[votes])) for part in (cost, maps.get("astray", cost))]
         return max(rough) > ROUGH or self._rough_bit(maps["coordinate"], bend, known)
 
     @property
@@ -325,8 +336,7 @@ class LineEvidence:
 
     def _known(self, maps: dict[str, Any]) -> BoolMap:
         """Triples of voters with a coordinate, (r, l − 2)."""
-        x = maps["coordinate"]
-        return np.asarray(self.triples & np.isfinite(x[:, 2:] + x[:, 1:-1] + x[:, :-2]))
+        return self.triples & _three(np.isfinite(maps["coordinate"]))
 
     def _rough_bit(self, x: FloatMap, bend: FloatMap, known: BoolMap) -> bool:
         """Whether the coordinate jumps where a bit of the Gray code changes."""
@@ -395,10 +405,10 @@ class LineEvidence:
                 astray = np.isnan(found["coordinate"]) & np.isfinite(free["coordinate"])
                 free["astray"] = astray[:, 1:-1]
                 states[:, k] += ASTRAY * free["astray"]
-        cost = self._constant(states)
+        cost = states[0, 0, 0]
         if len(states) > 1:
             changing = cost_of_states(np.where(self.triples, states, 0.0), change)
-            maps[0]["gain"], cost = cost - changing, changing
+            maps[0]["gain"], cost = self._constant(states) - changing, changing
         if len(decoding.sets) > 1:
             maps[0]["apart"] = self._apart(decoding, maps[0])
             cost = cost + maps[0]["apart"]
@@ -441,16 +451,15 @@ class LineEvidence:
             finest = min(decoding.sets, key=lambda s: s.period_px)
             period, even = finest.period_px, 0.0
             ripple = SIGMAS * period / TURN * sharpest(finest)[0]
+            sigma = options[0]["sigma"][:, 1:-1]
             fine, jump = FINE_SHARE * period + ripple, JUMP_SHARE * period
+            fine = fine + SIGMAS * np.where(np.isfinite(sigma), sigma, 0.0)
         else:
             assert decoding.gray is not None
             fine = decoding.gray.step_px
             even, jump = CELL_BEND * fine, (JUMP_CELLS - CELL_BEND) * fine
-        if decoding.sets:
-            sigma = options[0]["sigma"][:, 1:-1]
-            fine = fine + SIGMAS * np.where(np.isfinite(sigma), sigma, 0.0)
         maps = [found["coordinate"] for found in options]
-        costs = np.empty((len(maps),) * 3 + self.triples.shape)
+        costs = np.empty((len(maps),) * 3 + maps[0][:, 1:-1].shape)
         for i, j, k in product(range(len(maps)), repeat=3):
             bend = maps[i][:, :-2] + maps[k][:, 2:] - 2.0 * maps[j][:, 1:-1]
             if np.isfinite(decoding.repeats_px):

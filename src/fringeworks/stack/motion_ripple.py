@@ -103,7 +103,7 @@ def _leaked(phasor: NDArray[np.complex64], count: FloatMap, block: int) -> Float
     slope of the count of its pixels: within 4 % for k of five radians per window and more.
     """
     lit = _reduced(count, block)
-    slopes = [_reduced(one, block) / lit for one in np.gradient(count)]
+    slopes = [_reduced(np.asarray(one), block) / lit for one in np.gradient(count)]
     right, down = np.zeros_like(phasor), np.zeros_like(phasor)
     right[:, 1:] = phasor[:, 1:] * phasor[:, :-1].conj()
     down[1:] = phasor[1:] * phasor[:-1].conj()

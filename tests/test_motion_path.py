@@ -231,6 +231,32 @@ def test_ripples_tell_motion_to_and_fro(count):
         assert np.mean(off**2 < 16.0 * variance) > 0.9
 
 
+@pytest.mark.parametrize("light", ["everywhere", "disc", "stripe"])
+def test_fringes_that_a_border_cuts_off_are_no_ripple(light):
+    """Half a window of 12 px leaves 0.09 rad of fringes of 18 camera px."""
+    v, u = np.mgrid[:204, :240].astype(float)
+    lit = {
+        "everywhere": np.ones(u.shape, bool),
+        "disc": np.hypot(u - 110.0, v - 95.0) < 80.0,
+        "stripe": np.abs(u - 120.0) < 40.0,
+    }[light]
+    phase = TURN * (100.0 + 0.9 * u + 0.1 * v) / 16.0
+    shadow = np.random.default_rng(4).uniform(0.0, TURN, lit.shape)
+    wave = np.where(lit, 80.0, 1.0) * np.exp(1j * np.where(lit, phase, shadow))
+    (found,), variance = ripples(wave.astype(np.complex64), steps(16.0, 4).shifts_rad, 12)
+    blocks = lit.reshape(17, 12, 20, 12).mean(axis=(1, 3)) > 0.5
+    assert np.abs(found[blocks]).max() < 0.01
+    assert np.mean(found[blocks] ** 2 < 9.0 * (variance[blocks] + 0.002**2)) > 0.98
+    assert np.median(variance[blocks]) < 0.01**2
+
+
+def test_a_velocity_that_changes_slowly_is_no_vibration():
+    """With three times the noise, those of every period fit as well."""
+    normal, _, findings = measured(FOUR, lambda t: 0.4 * t + 1e-3 * t**2, seed=5)
+    assert np.mean(np.abs(normal) < 2.0) > 0.9
+    assert not findings
+
+
 def test_wide_fringes_show_no_ripple():
     """Their phases do not take all values within the window."""
     wave = 80.0 * np.exp(1j * TURN * still_px() / 640.0)

@@ -347,16 +347,25 @@ class MotionPath:
 def _alike(
     kinds: Sequence[_Kind], logs: NDArray[np.float64], misfits: NDArray[np.float64]
 ) -> BoolMap:
-    """Mark the likeliest vibration of every period where it fits as well as the best one."""
-    periods = np.repeat([kind.period for kind in kinds], len(UNSURE))
-    marked = np.zeros(logs.shape, bool)
-    best = np.inf
+    """Mark the likeliest vibration of every period where it fits as well as the best one.
+
+    Fits are compared at the noise of the likeliest vibration: with more noise, everything fits.
+    """
+    periods = np.array([kind.period for kind in kinds])
+    shape = (len(kinds), len(UNSURE), logs.shape[1])
+    marked, best = np.zeros(shape, bool), np.full(shape[1:], np.inf)
+    likeliest = np.full(shape[1:], -np.inf)
+    log, misfit = logs.reshape(shape), misfits.reshape(shape)
+    places = np.ogrid[: shape[1], : shape[2]]
     for period in np.unique(periods[periods > 0.0]):
         rows = np.flatnonzero(periods == period)
-        chosen = rows[np.argmax(logs[rows], axis=0)]
-        marked[chosen, np.arange(logs.shape[1])] = True
-        best = np.minimum(best, misfits[chosen, np.arange(logs.shape[1])])
-    return np.asarray(marked & (misfits - best < ALIKE))
+        chosen = rows[np.argmax(log[rows], axis=0)]
+        marked[chosen, *places] = True
+        best = np.minimum(best, misfit[chosen, *places])
+        likeliest = np.maximum(likeliest, log[chosen, *places])
+    marked &= misfit - best < ALIKE
+    marked &= likeliest == likeliest.max(axis=0)
+    return marked.reshape(logs.shape)
 
 
 def _quantile(far: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:

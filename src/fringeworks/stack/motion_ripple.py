@@ -22,6 +22,16 @@ LARGEST = 0.3
 take all values within the window, make larger means."""
 UNKNOWN = 1.0
 """Variance of ripples that are larger, rad²."""
+LIT_SHARE = 0.1
+"""Smallest modulation that counts as light, as a share of its 95th percentile: phases in shadows
+are noise. Half of what decoding judges by."""
+SPARSE = 4
+"""Distance of the pixels whose modulations are judged, px."""
+LEAST_LEAK = 5e-4
+"""Smallest leak of a window, rad: a quarter of the error that light which flickers makes."""
+SPOILT = 16.0
+"""Square of leaks, in least ones, from which on a ripple is taken from blocks around: they are as
+large as that error."""
 LEAST_WEIGHT = 1e-6
 """Norm of the weights of the frames below which the ripple does not depend on them."""
 STEPS_SHARE = 6.0
@@ -68,25 +78,57 @@ def ripples(
     Notes
     -----
     Where phases take all values, exp(2 i φ) has the mean −i D. Phases that do not are told by how
-    the mean differs from place to place.
+    the mean differs from place to place. Windows that the border of the image or of the light cuts
+    off do not average the phases out; their blocks take the ripple of those around them.
     """
-    size = np.abs(wave)
-    lit = np.nan_to_num(size) > 0.0
-    double = np.where(lit, (wave / np.where(lit, size, 1.0)) ** 2, 0.0)
+    size = np.nan_to_num(np.abs(wave))
+    lit = size > LIT_SHARE * np.percentile(size[::SPARSE, ::SPARSE], 95)
+    phasor = np.where(lit, wave / np.where(lit, size, 1.0), 0.0)
+    double = phasor**2
     count = np.maximum(_smooth(lit.astype(np.float32)), np.float32(LEAST_WEIGHT))
-    parts = [_smooth(one.astype(np.float32)) / count for one in (double.real, double.imag)]
-    rows, columns = max(1, wave.shape[0] // block), max(1, wave.shape[1] // block)
-    whole = [one[: rows * block, : columns * block] for one in parts]
-    real, imag = (
-        np.asarray(cv2.resize(one, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
-        for one in whole
-    )
-    found: list[FloatMap] = [-imag, real]
+    leaked = _leaked(phasor, count, block)
+    real, imag = (_reduced(_smooth(one) / count, block) for one in (double.real, double.imag))
+    found = [_filled(one, leaked) for one in (-imag, real)]
     off = [one - _mean_around(one) for one in found]
-    square = _mean_around(off[0] ** 2 + off[1] ** 2)
-    variance = np.where(np.hypot(real, imag) > LARGEST, np.float32(UNKNOWN), square)
+    square = _mean_around(off[0] ** 2 + off[1] ** 2) + 1.0 / _mean_around(1.0 / leaked)
+    variance = np.where(np.hypot(*found) > LARGEST, np.float32(UNKNOWN), square)
     kept = np.linalg.norm(_both_weights(shifts_rad), axis=1) > LEAST_WEIGHT
     return [one for one, keep in zip(found, kept, strict=True) if keep], variance
+
+
+def _leaked(phasor: NDArray[np.complex64], count: FloatMap, block: int) -> FloatMap:
+    """Square of the mean of exp(2 i φ) that windows leave which are cut off, at blocks, rad².
+
+    Of the wave number k, a window whose weight ends at a line leaves g/k, where g is the relative
+    slope of the count of its pixels: within 4 % for k of five radians per window and more.
+    """
+    lit = _reduced(count, block)
+    slopes = [_reduced(np.asarray(one), block) / lit for one in np.gradient(count)]
+    right, down = np.zeros_like(phasor), np.zeros_like(phasor)
+    right[:, 1:] = phasor[:, 1:] * phasor[:, :-1].conj()
+    down[1:] = phasor[1:] * phasor[:-1].conj()
+    turns = [_turned(one, block) for one in (right, down)]
+    number = np.maximum(2.0 * np.hypot(*turns), 1.0 / WINDOW_PX)
+    return np.asarray(np.hypot(*slopes) ** 2 / number**2 + LEAST_LEAK**2, np.float32)
+
+
+def _turned(turns: NDArray[np.complex64], block: int) -> FloatMap:
+    """Mean turn of the phase from pixel to pixel at blocks, rad."""
+    parts = [_mean_around(_reduced(one, block)) for one in (turns.imag, turns.real)]
+    return np.asarray(np.arctan2(*parts))
+
+
+def _filled(blocks: FloatMap, variance: FloatMap) -> FloatMap:
+    """Blocks, those of a variance beyond the least one with the weighted mean around them."""
+    mean = _mean_around(blocks / variance) / _mean_around(1.0 / variance)
+    return np.where(variance > SPOILT * LEAST_LEAK**2, mean, blocks)
+
+
+def _reduced(values: FloatMap, block: int) -> FloatMap:
+    """Means over the blocks of an image."""
+    rows, columns = max(1, values.shape[0] // block), max(1, values.shape[1] // block)
+    inside = np.ascontiguousarray(values[: rows * block, : columns * block], np.float32)
+    return np.asarray(cv2.resize(inside, (columns, rows), interpolation=cv2.INTER_AREA))
 
 
 def _mean_around(blocks: FloatMap) -> FloatMap:
@@ -96,5 +138,7 @@ def _mean_around(blocks: FloatMap) -> FloatMap:
 
 
 def _smooth(values: FloatMap) -> FloatMap:
-    border = cv2.BORDER_REFLECT_101
-    return np.asarray(cv2.GaussianBlur(values, (0, 0), WINDOW_PX, borderType=border))
+    """Weighted sums over windows, in which nothing is outside of the image."""
+    inside = np.ascontiguousarray(values, np.float32)
+    border = cv2.BORDER_CONSTANT
+    return np.asarray(cv2.GaussianBlur(inside, (0, 0), WINDOW_PX, borderType=border))

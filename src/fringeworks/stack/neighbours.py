@@ -119,6 +119,9 @@ def vote(decoding: Decoding, kernel: _core.DecodeSettings, results: dict[str, An
         }
         _core.vote_cells(kernel, results, cells)
         return
+    if not np.any(results["reason"] == Reason.ORDER_AMBIGUOUS):
+        # Judged with the noise of uneven scenes, orders that were ambiguous may be none of it.
+        return
     freedom = len(decoding.sets) - 1
     rules: _core._VoteRules = {
         "radius": _radius(decoding, results),

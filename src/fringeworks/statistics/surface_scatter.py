@@ -15,7 +15,7 @@ from fringeworks import _core
 from fringeworks.statistics.chi_square import chi_square_above, chi_square_quantile
 from fringeworks.statistics.quantiles import median
 from fringeworks.statistics.third_difference import third_difference, third_difference_variance
-from fringeworks.types import BoolMap, FloatMap
+from fringeworks.types import FloatMap
 
 SCALES = ((1, 3), (2, 5), (2, 13))
 """Distance of the pixels of a difference, and side of the square that differences are averaged in,
@@ -255,27 +255,18 @@ def _error_per_change(
     excesses, leverages = [], []
     for x, v, g in ((coordinate, variance, change), (coordinate.T, variance.T, change.T)):
         x, v, g = x[::stride], v[::stride], g[::stride]
-        chi, known = _chi_squares(x, v, 1, most_px)
-        excesses.append(np.minimum(chi[known], MOST) - 1.0)
-        leverages.append((third_difference_variance(g, 1) / third_difference_variance(v, 1))[known])
+        difference = third_difference(x, 1)
+        known = np.isfinite(difference) & (np.abs(difference) < most_px)
+        expected = third_difference_variance(v, 1)[known]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            excesses.append(np.minimum(difference[known] ** 2 / expected, MOST) - 1.0)
+            leverages.append(third_difference_variance(g, 1)[known] / expected)
     excess, leverage = np.concatenate(excesses), np.concatenate(leverages)
     if excess.size < MIN_DIFFERENCES:
         return 0.0
     found = 0.0
-    for quantile in STRONG_EDGES:
-        strong = leverage >= max(np.quantile(leverage, quantile), 1e-12)
+    for least in np.quantile(leverage, STRONG_EDGES):
+        strong = leverage >= max(least, 1e-12)
         if strong.any():
             found = max(found, float(excess[strong].mean() / leverage[strong].mean()))
     return found
-
-
-def _chi_squares(
-    coordinate: FloatMap, variance: FloatMap, step: int, most_px: float
-) -> tuple[FloatMap, BoolMap]:
-    """χ² of the third differences along rows, 0 where unknown, and where they are known."""
-    difference = third_difference(coordinate, step)
-    expected = third_difference_variance(variance, step)
-    known = np.isfinite(difference) & (np.abs(difference) < most_px)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        chi = np.where(known, difference**2 / expected, 0.0)
-    return np.asarray(chi), np.asarray(known)

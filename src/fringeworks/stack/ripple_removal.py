@@ -184,10 +184,15 @@ def _light(
         return [lines[place[frame]][:, ::few] for frame in frames]
 
     modulations = [modulation[:, ::few] for modulation in maps["modulations"]]
+    lit = lit_pixels(maps)[:, ::few]
     if decoding.gray is not None:
         gray = seen(decoding.gray_frames)
         dark, brightest = np.min(gray, axis=0), np.max(gray, axis=0).astype(np.float32)
         modulation, mean = 0.5 * (brightest - dark), 0.5 * (brightest + dark)
+        if decoding.gray.white_black:
+            # In shadow, light of the room that flickers looks like fringes of one phase.
+            white, black = (frame.astype(np.float32) for frame in gray[-2:])
+            lit &= white - black > modulation
     elif len(decoding.sets) > 1:
         others = [j for j in range(len(decoding.sets)) if j != k]
         modulation = np.mean([modulations[j] for j in others], axis=0)
@@ -197,7 +202,7 @@ def _light(
         return None
     with np.errstate(invalid="ignore", divide="ignore"):  # pixels that are not finite, or dark
         sigma = np.sqrt(phase_variance(decoding.sets[k], modulation, mean, known.noise))
-        used = lit_pixels(maps)[:, ::few] & (REACH * sigma < MAX_RIPPLE_NOISE_RAD)
+        used = lit & (REACH * sigma < MAX_RIPPLE_NOISE_RAD)
         used &= ~(brightest >= known.limits.threshold)
         own = np.mean(seen(decoding.sets[k].frames), axis=0)
         relative = modulations[k] / modulation

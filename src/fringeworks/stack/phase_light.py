@@ -59,6 +59,9 @@ class Light:
     """Modulation over that of the other frames: free of what the surface reflects."""
     mean: FloatMap
     """Mean of the set's samples less that of the other frames, over their modulation."""
+    fringe: FloatMap | None = None
+    """Number of the fringe that each pixel sees, NaN where it is not known; None where the other
+    frames are those of other sets: frames that are wrong themselves."""
 
 
 def with_light(
@@ -114,6 +117,29 @@ def with_light(
     return _with_frames(told, regression) if few or not ripple.places else told
 
 
+def with_frames(ripple: Ripple, light: Light, steps: int) -> Ripple:
+    """Replace a ripple along lines by that of wrong frames from the brightness of the fringes.
+
+    Parameters
+    ----------
+    ripple : Ripple
+        Of a set of any number of steps, where lines show it at few places only.
+    light : Light
+    steps : int
+        Number of steps N.
+
+    Returns
+    -------
+    Ripple
+        That of one and two per fringe. The same as before where the brightness tells nothing.
+    """
+    regression = _Regression.of(light, steps)
+    if regression is None or regression.fringes is None:
+        return ripple
+    nothing = replace(ripple, phasors_rad=np.zeros_like(ripple.phasors_rad), error_rad=0.0)
+    return _with_frames(nothing, regression)
+
+
 def _with_frames(ripple: Ripple, regression: _Regression) -> Ripple:
     """The ripple with what wrong frames make, of one and two per fringe, by the brightness.
 
@@ -121,6 +147,8 @@ def _with_frames(ripple: Ripple, regression: _Regression) -> Ripple:
     by (A/B)(ν cos φ − μ sin φ), and the logarithm of the modulation by (A/B)(μ cos φ + ν sin φ).
     Mixing of c and s does the same, twice per fringe.
     """
+    if regression.fringes is None:
+        return ripple
     phasors, errors = ripple.phasors_rad.copy(), ripple.errors_rad.copy()
     for k, order in enumerate(ripple.orders):
         if order in FRAME_ORDERS:
@@ -128,11 +156,11 @@ def _with_frames(ripple: Ripple, regression: _Regression) -> Ripple:
             cosine, sine = regression.coefficients[0, at]
             phasors[k] = sine - 1j * cosine
             errors[k] = float(np.sqrt(regression.variance[0, at].max()))
-    freedom = 2.0 * (min(regression.places, regression.lines) - 1.0)
-    told = replace(ripple, phasors_rad=phasors, errors_rad=errors, freedom=freedom)
-    sure = [errors[told.orders.index(k)] for k in FRAME_ORDERS if told.significant(k) != 0]
+    freedom = 2.0 * (min(regression.places, regression.lines, regression.fringes) - 1.0)
+    found = replace(ripple, phasors_rad=phasors, errors_rad=errors, freedom=freedom)
+    sure = [errors[found.orders.index(k)] for k in FRAME_ORDERS if found.significant(k) != 0]
     error = float(np.hypot.reduce([ripple.error_rad, *sure]))
-    return replace(told, error_rad=error, told_rad=error)
+    return replace(found, error_rad=error, told_rad=error if ripple.told else None)
 
 
 def _alike(one: Evidence, other: Evidence) -> bool:
@@ -176,6 +204,8 @@ class _Regression:
     """Number of parts along the lines that pixels are in."""
     lines: int
     """Number of lines that pixels are in."""
+    fringes: int | None
+    """Number of fringes that pixels see; None where they are too few for a statement."""
 
     def at(self, order: int) -> slice:
         """Where cosine and sine of an order are."""
@@ -212,7 +242,26 @@ class _Regression:
             for axis, count in ((1, places), (2, lines))
         )
         variance = np.asarray(variance).reshape(2, -1)
-        return cls(orders, coefficients, variance, places, lines)
+        between, fringes = _between_fringes(light, scores[: len(weights)])
+        low = slice(1, 1 + 2 * len(FRAME_ORDERS))
+        variance[0, low] = np.maximum(variance[0, low], between[low])
+        return cls(orders, coefficients, variance, places, lines, fringes)
+
+
+def _between_fringes(light: Light, scores: FloatMap) -> tuple[FloatMap, int | None]:
+    """Squared standard errors by the scatter from fringe to fringe, and the number of fringes."""
+    nothing = np.zeros(len(scores))
+    if light.fringe is None:
+        return nothing, None
+    known = light.used & np.isfinite(light.fringe)
+    _, of_pixel = np.unique(light.fringe[known], return_inverse=True)
+    pixels = np.bincount(of_pixel)
+    # Of unequal numbers of pixels, as many as equal ones that are known as well.
+    count = int(pixels.sum() ** 2 / np.sum(pixels**2)) if pixels.size else 0
+    if count < MIN_PLACES:
+        return nothing, None
+    sums = np.stack([np.bincount(of_pixel, score[known]) for score in scores])
+    return np.sum(sums**2, axis=1) * count / (count - 1.0), count
 
 
 def _harmonic(regression: _Regression, light: Light, steps: int) -> tuple[float, float]:

@@ -13,7 +13,13 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames, lit_pixels
-from fringeworks.stack.phase_light import MIN_PIXELS, MOST_STEPS, Light, with_light
+from fringeworks.stack.phase_light import (
+    MIN_PIXELS,
+    MOST_STEPS,
+    Light,
+    with_frames,
+    with_light,
+)
 from fringeworks.stack.phase_spread import spread_of, with_spread
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import (
@@ -133,10 +139,11 @@ def _ripple(
     found, steps = line_ripple(phases, maps, k, known), len(phases.frames)
     if found is None or found.smooth:
         return found
-    light = _light(decoding, maps, lines, k, known) if steps <= MOST_STEPS else None
-    told = None
-    if light is not None:
+    told, light = None, _light(decoding, maps, lines, k, known)
+    if light is not None and steps <= MOST_STEPS:
         told = with_light(found, light, steps, _table(phases, maps, k))
+    elif light is not None and found.places < MIN_PLACES:
+        told = with_frames(found, light, steps)
     if told is None:
         told = found if found.repeated else _with_spread(phases, maps, k, known, found)
         few = light is not None and np.count_nonzero(light.used) < MIN_PIXELS
@@ -207,7 +214,10 @@ def _light(
         own = np.mean(seen(decoding.sets[k].frames), axis=0)
         relative = modulations[k] / modulation
         phase = np.ascontiguousarray(maps["phases"][k][:, ::few])
-        return Light(phase, used, relative, (own - mean) / modulation)
+        fringe = None
+        if decoding.gray is not None:
+            fringe = np.floor(maps["coordinate"][:, ::few] / decoding.sets[k].period_px)
+        return Light(phase, used, relative, (own - mean) / modulation, fringe)
 
 
 def _table(phases: PhaseFrames, maps: dict[str, Any], k: int) -> NDArray[np.float64]:

@@ -16,7 +16,13 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.stack.fits import gram, parts_of_orders, times
 from fringeworks.stack.phase_spread import ALIKE, PLACES, Evidence, mean_of, spread_of
-from fringeworks.stack.ripple import LINES_NOISE_ALONE, MIN_PLACES, Ripple, usual_rad
+from fringeworks.stack.ripple import (
+    LINES_NOISE_ALONE,
+    MIN_PLACES,
+    STEP_RIPPLE_RAD,
+    Ripple,
+    usual_rad,
+)
 from fringeworks.types import BoolMap, FloatMap
 
 MOST_STEPS = 4
@@ -114,7 +120,7 @@ def with_light(
     expected[response] = 0.0  # a response is usual: what is expected of it counts
     error = float(np.hypot.reduce(errors))
     told = replace(ripple, phasors_rad=every, errors_rad=expected, error_rad=error, told_rad=error)
-    return _with_frames(told, regression) if few or not ripple.places else told
+    return _with_frames(told, ripple, regression)
 
 
 def with_frames(ripple: Ripple, light: Light, steps: int) -> Ripple:
@@ -123,7 +129,7 @@ def with_frames(ripple: Ripple, light: Light, steps: int) -> Ripple:
     Parameters
     ----------
     ripple : Ripple
-        Of a set of any number of steps, where lines show it at few places only.
+        Of a set of any number of steps, along lines that are rough.
     light : Light
     steps : int
         Number of steps N.
@@ -134,33 +140,43 @@ def with_frames(ripple: Ripple, light: Light, steps: int) -> Ripple:
         That of one and two per fringe. The same as before where the brightness tells nothing.
     """
     regression = _Regression.of(light, steps)
-    if regression is None or regression.fringes is None:
+    if regression is None or regression.fringes is None or not _rough(ripple):
         return ripple
-    nothing = replace(ripple, phasors_rad=np.zeros_like(ripple.phasors_rad), error_rad=0.0)
-    return _with_frames(nothing, regression)
+    usual = np.array([usual_rad(k, steps) if k % steps == 0 else 0.0 for k in ripple.orders])
+    error = float(np.hypot.reduce(np.minimum(ripple.errors_rad, usual)))
+    nothing = replace(ripple, phasors_rad=np.zeros_like(ripple.phasors_rad), error_rad=error)
+    return _with_frames(nothing, ripple, regression)
 
 
-def _with_frames(ripple: Ripple, regression: _Regression) -> Ripple:
+def _rough(ripple: Ripple) -> bool:
+    """Whether lines are so rough, or so short, that they do not show the low orders."""
+    return ripple.excess > LINES_NOISE_ALONE or not ripple.places
+
+
+def _with_frames(ripple: Ripple, lines: Ripple, regression: _Regression) -> Ripple:
     """The ripple with what wrong frames make, of one and two per fringe, by the brightness.
 
     Frames that show A (μ, ν) besides c and s, as of light of the room that flickers, move the phase
     by (A/B)(ν cos φ − μ sin φ), and the logarithm of the modulation by (A/B)(μ cos φ + ν sin φ).
-    Mixing of c and s does the same, twice per fringe.
+    Mixing of c and s does the same, twice per fringe. Lines that show it at many places, and agree,
+    count as well. What is expected is what frames usually make, and what is seen.
     """
-    if regression.fringes is None:
+    if regression.fringes is None or not _rough(lines):
         return ripple
-    phasors, errors = ripple.phasors_rad.copy(), ripple.errors_rad.copy()
-    for k, order in enumerate(ripple.orders):
-        if order in FRAME_ORDERS:
-            at = regression.at(order)
-            cosine, sine = regression.coefficients[0, at]
-            phasors[k] = sine - 1j * cosine
-            errors[k] = float(np.sqrt(regression.variance[0, at].max()))
-    freedom = 2.0 * (min(regression.places, regression.lines, regression.fringes) - 1.0)
-    found = replace(ripple, phasors_rad=phasors, errors_rad=errors, freedom=freedom)
-    sure = [errors[found.orders.index(k)] for k in FRAME_ORDERS if found.significant(k) != 0]
-    error = float(np.hypot.reduce([ripple.error_rad, *sure]))
-    return replace(found, error_rad=error, told_rad=error if ripple.told else None)
+    at = [ripple.orders.index(order) for order in FRAME_ORDERS]
+    seen = regression.of_frames()
+    counted = [seen]
+    if lines.places >= MIN_PLACES:
+        along = Evidence(lines.phasors_rad[at], lines.errors_rad[at], lines.places)
+        counted += [along] if _alike(along, seen) else []
+    found, errors = mean_of(counted)
+    usual = np.maximum(STEP_RIPPLE_RAD, np.abs(found)) ** 2
+    share = usual / (usual + errors**2)
+    phasors, expected = ripple.phasors_rad.copy(), ripple.errors_rad.copy()
+    phasors[at], expected[at] = share * found, 0.0
+    error = float(np.hypot.reduce([ripple.error_rad, *(share**0.5 * errors)]))
+    told = error if ripple.told else None
+    return replace(ripple, phasors_rad=phasors, errors_rad=expected, error_rad=error, told_rad=told)
 
 
 def _alike(one: Evidence, other: Evidence) -> bool:
@@ -211,6 +227,14 @@ class _Regression:
         """Where cosine and sine of an order are."""
         first = 1 + 2 * self.orders.index(order)
         return slice(first, first + 2)
+
+    def of_frames(self) -> Evidence:
+        """Ripple of one and two per fringe, that of wrong frames."""
+        places = [self.at(order) for order in FRAME_ORDERS]
+        pairs = np.array([self.coefficients[0, at] for at in places])
+        variance = np.array([self.variance[0, at].max() for at in places])
+        errors = np.maximum(variance**0.5, TINY_RAD)
+        return Evidence(pairs[:, 1] - 1j * pairs[:, 0], errors, self.places)
 
     @classmethod
     def of(cls, light: Light, steps: int) -> _Regression | None:

@@ -124,10 +124,11 @@ def without_ripples(
 
 def _of_response(ripple: Ripple, steps: int) -> bool:
     """Whether the higher orders come from a response, not from steps that are far off, from frames
-    in a wrong order, or from the surface: then they are the larger ones, not larger than responses
-    make them, and seen everywhere."""
+    in a wrong order, or from the surface: then they are the larger ones, unless the brightness
+    tells both, not larger than responses make them, and seen everywhere."""
     high = max(abs(ripple.significant(k)) for k in ripple.orders if k >= RESPONSE_ORDER)
-    return ripple.repeated and ripple.low_rad < high < MOST_USUAL * usual_rad(steps, steps)
+    larger = ripple.told or ripple.low_rad < high
+    return ripple.repeated and larger and high < MOST_USUAL * usual_rad(steps, steps)
 
 
 def _ripple(
@@ -142,7 +143,7 @@ def _ripple(
     told, light = None, _light(decoding, maps, lines, k, known)
     if light is not None and steps <= MOST_STEPS:
         told = with_light(found, light, steps, _table(phases, maps, k))
-    elif light is not None and found.places < MIN_PLACES:
+    elif light is not None:
         told = with_frames(found, light, steps)
     if told is None:
         told = found if found.repeated else _with_spread(phases, maps, k, known, found)

@@ -1,8 +1,10 @@
-"""Ripple of a response from how the brightness of the fringes changes with their phase.
+"""Ripple of a response and of wrong frames from how the brightness of fringes changes with phase.
 
 A response that is not linear adds harmonics to the fringes. In sets of few steps, they move the
-phase, and change the modulation and the background with it, N times per fringe. Surfaces change
-both as well, but not in step with the fringes: whatever the relief, and wherever the fringes lie.
+phase, and change the modulation and the background with it, N times per fringe. Wrong frames, as
+those in light of the room that flickers, do the same once and twice per fringe, in sets of any
+number of steps. Surfaces change the brightness as well, but not in step with the fringes: whatever
+the relief, and wherever the fringes lie.
 """
 
 from __future__ import annotations
@@ -261,11 +263,11 @@ class _Regression:
         scores[:, kept] = (left[:, None] * weights).reshape(2 * len(weights), -1)
         pieces = np.add.reduceat(scores, starts, axis=2)
         # Neither neighbours along a line nor lines next to each other are independent.
-        variance = sum(
+        scatter = [
             np.sum(pieces.sum(axis=axis) ** 2, axis=1) * count / (count - 1.0)
             for axis, count in ((1, places), (2, lines))
-        )
-        variance = np.asarray(variance).reshape(2, -1)
+        ]
+        variance = np.sum(scatter, axis=0).reshape(2, -1)
         between, fringes = _between_fringes(light, scores[: len(weights)])
         low = slice(1, 1 + 2 * len(FRAME_ORDERS))
         variance[0, low] = np.maximum(variance[0, low], between[low])
@@ -285,7 +287,7 @@ def _between_fringes(light: Light, scores: FloatMap) -> tuple[FloatMap, int | No
     if count < MIN_PLACES:
         return nothing, None
     sums = np.stack([np.bincount(of_pixel, score[known]) for score in scores])
-    return np.sum(sums**2, axis=1) * count / (count - 1.0), count
+    return np.asarray(np.sum(sums**2, axis=1) * count / (count - 1.0)), count
 
 
 def _harmonic(regression: _Regression, light: Light, steps: int) -> tuple[float, float]:

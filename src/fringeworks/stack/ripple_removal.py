@@ -13,7 +13,13 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames, lit_pixels
-from fringeworks.stack.phase_light import MIN_PIXELS, MOST_STEPS, Light, with_light
+from fringeworks.stack.phase_light import (
+    MIN_PIXELS,
+    MOST_STEPS,
+    Light,
+    with_frames,
+    with_light,
+)
 from fringeworks.stack.phase_spread import spread_of, with_spread
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import (
@@ -118,10 +124,11 @@ def without_ripples(
 
 def _of_response(ripple: Ripple, steps: int) -> bool:
     """Whether the higher orders come from a response, not from steps that are far off, from frames
-    in a wrong order, or from the surface: then they are the larger ones, not larger than responses
-    make them, and seen everywhere."""
+    in a wrong order, or from the surface: then they are the larger ones, unless the brightness
+    tells both, not larger than responses make them, and seen everywhere."""
     high = max(abs(ripple.significant(k)) for k in ripple.orders if k >= RESPONSE_ORDER)
-    return ripple.repeated and ripple.low_rad < high < MOST_USUAL * usual_rad(steps, steps)
+    larger = ripple.told or ripple.low_rad < high
+    return ripple.repeated and larger and high < MOST_USUAL * usual_rad(steps, steps)
 
 
 def _ripple(
@@ -133,10 +140,11 @@ def _ripple(
     found, steps = line_ripple(phases, maps, k, known), len(phases.frames)
     if found is None or found.smooth:
         return found
-    light = _light(decoding, maps, lines, k, known) if steps <= MOST_STEPS else None
-    told = None
-    if light is not None:
+    told, light = None, _light(decoding, maps, lines, k, known)
+    if light is not None and steps <= MOST_STEPS:
         told = with_light(found, light, steps, _table(phases, maps, k))
+    elif light is not None:
+        told = with_frames(found, light, steps)
     if told is None:
         told = found if found.repeated else _with_spread(phases, maps, k, known, found)
         few = light is not None and np.count_nonzero(light.used) < MIN_PIXELS
@@ -184,10 +192,15 @@ def _light(
         return [lines[place[frame]][:, ::few] for frame in frames]
 
     modulations = [modulation[:, ::few] for modulation in maps["modulations"]]
+    lit = lit_pixels(maps)[:, ::few]
     if decoding.gray is not None:
         gray = seen(decoding.gray_frames)
         dark, brightest = np.min(gray, axis=0), np.max(gray, axis=0).astype(np.float32)
         modulation, mean = 0.5 * (brightest - dark), 0.5 * (brightest + dark)
+        if decoding.gray.white_black:
+            # In shadow, light of the room that flickers looks like fringes of one phase.
+            white, black = (frame.astype(np.float32) for frame in gray[-2:])
+            lit &= white - black > modulation
     elif len(decoding.sets) > 1:
         others = [j for j in range(len(decoding.sets)) if j != k]
         modulation = np.mean([modulations[j] for j in others], axis=0)
@@ -197,12 +210,15 @@ def _light(
         return None
     with np.errstate(invalid="ignore", divide="ignore"):  # pixels that are not finite, or dark
         sigma = np.sqrt(phase_variance(decoding.sets[k], modulation, mean, known.noise))
-        used = lit_pixels(maps)[:, ::few] & (REACH * sigma < MAX_RIPPLE_NOISE_RAD)
+        used = lit & (REACH * sigma < MAX_RIPPLE_NOISE_RAD)
         used &= ~(brightest >= known.limits.threshold)
         own = np.mean(seen(decoding.sets[k].frames), axis=0)
         relative = modulations[k] / modulation
         phase = np.ascontiguousarray(maps["phases"][k][:, ::few])
-        return Light(phase, used, relative, (own - mean) / modulation)
+        fringe = None
+        if decoding.gray is not None:
+            fringe = np.floor(maps["coordinate"][:, ::few] / decoding.sets[k].period_px)
+        return Light(phase, used, relative, (own - mean) / modulation, fringe)
 
 
 def _table(phases: PhaseFrames, maps: dict[str, Any], k: int) -> NDArray[np.float64]:

@@ -51,6 +51,9 @@ SPREAD_RAD = 0.005
 """Error of a ripple by the brightness from which on the spread of the phases is looked at as well,
 rad: its own error is seldom smaller."""
 
+PART = 4
+"""Smallest number of pixels of a part along the lines: neighbours are not independent."""
+
 MIN_PIXELS = 200
 """Smallest number of pixels that tell a ripple: noise of the modulation of 0.1 leaves 0.01."""
 
@@ -242,7 +245,7 @@ class _Regression:
     def of(cls, light: Light, steps: int) -> _Regression | None:
         """None where pixels are too few, or their phases too alike."""
         kept = light.used
-        starts = np.linspace(0, kept.shape[1], PLACES, endpoint=False).astype(int)
+        starts = _starts(kept)
         counts = np.add.reduceat(kept.astype(int), starts, axis=1)
         places, lines = (int(np.count_nonzero(counts.sum(axis=k))) for k in (0, 1))
         if counts.sum() < MIN_PIXELS or min(places, lines) < MIN_PLACES:
@@ -272,6 +275,14 @@ class _Regression:
         low = slice(1, 1 + 2 * len(FRAME_ORDERS))
         variance[0, low] = np.maximum(variance[0, low], between[low])
         return cls(orders, coefficients, variance, places, lines, fringes)
+
+
+def _starts(kept: BoolMap) -> NDArray[np.intp]:
+    """Where the parts along lines begin: those that pixels are in, however narrow the body."""
+    columns = np.flatnonzero(kept.any(axis=0))
+    first, end = (columns[0], columns[-1] + 1) if columns.size else (0, kept.shape[1])
+    parts = int(np.clip((end - first) // PART, MIN_PLACES, PLACES))
+    return np.linspace(first, max(end, first + parts), parts, endpoint=False).astype(np.intp)
 
 
 def _between_fringes(light: Light, scores: FloatMap) -> tuple[FloatMap, int | None]:

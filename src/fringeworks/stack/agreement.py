@@ -258,7 +258,7 @@ class LineEvidence:
         """Whether another order can be much better than the plan's: where frames are in order, the
         coordinate is known and smooth nearly everywhere, also where a bit of the code changes."""
         votes = self.triples
-        return np.count_nonzero(votes) >= MIN_JUDGED_PIXELS and self._rough(votes)
+        return bool(np.count_nonzero(votes) >= MIN_JUDGED_PIXELS) and self._rough(votes)
 
     def _rough(self, votes: BoolMap) -> bool:
         """Whether coordinates of frames as planned contradict each other at some triples."""

@@ -70,6 +70,16 @@ MAX_NAMED = 3
 """At most this many orders of one kind are named."""
 
 
+MANY = 20
+"""Number of frames from which on swapped pairs, 190 and more, are first tried at few lines."""
+
+FEW_LINES = 4
+"""Every so many lines are those few."""
+
+AGAINST_AT_FEW = 0.5
+"""The same as ``AGAINST`` for pairs that are then tried at all lines: twice, as few lines tell it
+less well."""
+
 AGAINST_ONE = 0.1
 """The same for a bit that no frame shows, in the order of the plan: pixels gain by its other state,
 or stay as they are. Dark bits of simulated captures lose 0.04; a dark one that the scene does not
@@ -116,7 +126,8 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
         raise FramesContradictPlan(also)
     candidates = late_rows(plan, evidence, planned) if planned else iter(())
     if suspicious:
-        candidates = chain(_hypotheses(plan, evidence, by_code), candidates)
+        likely = _likely(plan, _hypotheses(plan, evidence, by_code), evidence)
+        candidates = chain(likely, candidates)
     gains = [(_gain(plan, h, evidence, planned), h) for h in candidates]
     fitting = [one for one in gains if _near(one, planned)]
     fitting = _with_own_axes(_with_one_start(fitting))
@@ -138,6 +149,34 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
             "at rest (likely the plan is another)"
         )
     return suspicious
+
+
+def _likely(
+    plan: PatternPlan, candidates: Iterator[Hypothesis], evidence: Evidence
+) -> Iterator[Hypothesis]:
+    """The candidates without swapped pairs of many frames that gain nothing at few lines."""
+    if plan.frames < MANY:
+        yield from candidates
+        return
+    few = {
+        axis: replace(
+            found,
+            lines=tuple(np.ascontiguousarray(a[::FEW_LINES]) for a in found.lines),
+            _seen={},
+            _kept={},
+        )
+        for axis, found in evidence.items()
+    }
+    planned = _costs(plan, Hypothesis.of(plan), few)
+    for h in candidates:
+        if h.kind == "swapped":
+            costs = _costs(plan, h, few)
+            if costs.keys() != planned.keys():
+                continue
+            old, new = (np.concatenate([c[axis] for axis in few]) for c in (planned, costs))
+            if gain_of(old, new, AGAINST_AT_FEW) <= 0.0:
+                continue
+        yield h
 
 
 def _gain(

@@ -168,6 +168,19 @@ def test_a_measured_pixel_that_its_neighbours_contradict_is_ambiguous():
     assert np.isnan(maps["coordinate"][wrong]).mean() > 0.9
 
 
+@pytest.mark.parametrize("reason", [Reason.OK, Reason.SHADOW])
+def test_neighbours_may_vote_where_nothing_is_ambiguous(reason):
+    """The noise of uneven scenes is known only after it was decided that they should."""
+    decoding = decoding_of(SIMILAR, "x", absolute=True, response=None)
+    phases, variances = np.zeros((2, 3, 9, 9), np.float32) + np.float32(1e-4)
+    maps = {
+        "phases": list(phases),
+        "variances": list(variances),
+        "reason": np.full((9, 9), reason, np.uint8),
+    }
+    assert 1 <= neighbours._radius(decoding, maps) <= neighbours.MOST_RADIUS
+
+
 def kernel_of(decoding):
     return decoding.kernel(CameraNoise(2.5), Limits(float("inf")))
 

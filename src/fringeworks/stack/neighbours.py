@@ -119,9 +119,6 @@ def vote(decoding: Decoding, kernel: _core.DecodeSettings, results: dict[str, An
         }
         _core.vote_cells(kernel, results, cells)
         return
-    if not np.any(results["reason"] == Reason.ORDER_AMBIGUOUS):
-        # Judged with the noise of uneven scenes, orders that were ambiguous may be none of it.
-        return
     freedom = len(decoding.sets) - 1
     rules: _core._VoteRules = {
         "radius": _radius(decoding, results),
@@ -139,8 +136,13 @@ def vote(decoding: Decoding, kernel: _core.DecodeSettings, results: dict[str, An
 
 def _radius(decoding: Decoding, results: dict[str, Any]) -> int:
     """Distance from the middle of a window to its edges, px."""
-    ambiguous = results["reason"] == Reason.ORDER_AMBIGUOUS
-    weights = [TURN**2 / float(np.median(v[ambiguous])) for v in results["variances"]]
+    asked = results["reason"] == Reason.ORDER_AMBIGUOUS
+    if not asked.any():
+        # Judged with the noise of uneven scenes, orders that were ambiguous may be none of it.
+        asked = results["reason"] == Reason.OK
+    if not asked.any():
+        return 1
+    weights = [TURN**2 / float(np.median(v[asked])) for v in results["variances"]]
     periods = [phases.period_px for phases in decoding.sets]
     apart = separation(periods, decoding.length_px, weights)
     # The likelihood of an order falls by exp(-d²/2) at d standard deviations from another one.

@@ -144,8 +144,8 @@ def with_frames(ripple: Ripple, light: Light, steps: int) -> Ripple:
     Ripple
         That of one and two per fringe. The same as before where the brightness tells nothing.
     """
-    regression = _Regression.of(light, steps)
-    if regression is None or regression.fringes is None or not _rough(ripple):
+    regression = _Regression.of(light, steps) if _rough(ripple) else None
+    if regression is None or regression.fringes is None:
         return ripple
     usual = np.array([usual_rad(k, steps) if k % steps == 0 else 0.0 for k in ripple.orders])
     error = float(np.hypot.reduce(np.minimum(ripple.errors_rad, usual)))
@@ -220,7 +220,7 @@ class _Regression:
     coefficients: FloatMap
     """(2, 1 + 2 K): a constant, and cosine and sine of every order."""
     variance: FloatMap
-    """The same: squared standard errors, by the scatter over places."""
+    """The same: squared standard errors, by the scatter over places; 0 for those not needed."""
     places: int
     """Number of parts along the lines that pixels are in."""
     lines: int
@@ -261,7 +261,8 @@ class _Regression:
         inverse = np.linalg.inv(products)
         coefficients = times(seen, waves.T) @ inverse
         left = seen - times(coefficients, waves)
-        weights = times(inverse, waves)
+        told = slice(1, 1 + 2 * orders.index(2 * steps))
+        weights = times(inverse[told], waves)
         scores = np.zeros((2 * len(weights), *kept.shape))
         scores[:, kept] = (left[:, None] * weights).reshape(2 * len(weights), -1)
         pieces = np.add.reduceat(scores, starts, axis=2)
@@ -270,10 +271,11 @@ class _Regression:
             np.sum(pieces.sum(axis=axis) ** 2, axis=1) * count / (count - 1.0)
             for axis, count in ((1, places), (2, lines))
         ]
-        variance = np.sum(scatter, axis=0).reshape(2, -1)
-        between, fringes = _between_fringes(light, scores[: len(weights)])
-        low = slice(1, 1 + 2 * len(FRAME_ORDERS))
-        variance[0, low] = np.maximum(variance[0, low], between[low])
+        variance = np.zeros_like(coefficients)
+        variance[:, told] = np.sum(scatter, axis=0).reshape(2, -1)
+        low = 2 * len(FRAME_ORDERS)
+        between, fringes = _between_fringes(light, scores[:low])
+        variance[0, 1 : 1 + low] = np.maximum(variance[0, 1 : 1 + low], between)
         return cls(orders, coefficients, variance, places, lines, fringes)
 
 
@@ -304,7 +306,7 @@ def _between_fringes(light: Light, scores: FloatMap) -> tuple[FloatMap, int | No
 def _harmonic(regression: _Regression, light: Light, steps: int) -> tuple[float, float]:
     """Difference of the harmonics N − 1 and N + 1 of the response, and its standard error."""
     at = regression.at(steps)
-    lower, odd, own, _ = regression.coefficients[:, at].ravel()
+    lower, odd, own = (float(value) for value in regression.coefficients[:, at].ravel()[:3])
     variance = regression.variance[:, at].ravel()
     upper = NEXT_OF_EVEN * abs(lower)
     if steps % 2:

@@ -140,7 +140,9 @@ def _ripple(
     found, steps = line_ripple(phases, maps, k, known), len(phases.frames)
     if found is None or found.smooth:
         return found
-    told, light = None, _light(decoding, maps, lines, k, known)
+    told = light = None
+    if steps <= MOST_STEPS or decoding.gray is not None:
+        light = _light(decoding, maps, lines, k, known)
     if light is not None and steps <= MOST_STEPS:
         told = with_light(found, light, steps, _table(phases, maps, k))
     elif light is not None:
@@ -151,7 +153,8 @@ def _ripple(
         if few and not told.places and len(decoding.sets) == 1:
             # Nearly all pixels are saturated. Several sets show it by their differences.
             told = replace(told, unknown_rad=usual_rad(steps, steps) / 2.0**0.5)
-    return told if told.places or told.told or told.unknown_rad else None
+    seen = told.places or told.told or told.unknown_rad or told.sure
+    return told if seen else None
 
 
 def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known) -> Ripple | None:

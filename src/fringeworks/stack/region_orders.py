@@ -37,6 +37,10 @@ SHARED_RAD = 0.05
 """Error of wide fringes that all parts of a region usually share, rad. In a corner of white walls,
 which light each other, it is 0.1; there, the parts also differ by 0.17."""
 
+OWN = 0.25
+"""Error up to which a pixel that was measured with another order keeps it, as a share of the
+distance to the next order: half of what would be as near to that."""
+
 WINDOW = 5
 """Side of the window, px, whose mean must fit the order of its region as a pixel does: parts of
 another depth stand out in it, by less noise."""
@@ -186,14 +190,19 @@ def _decide(
         return
     coordinate = place + orders[best] * period
     error = _wrapped(off - orders[best] * period / periods[:, None])
-    fits = _nearest(found, error, period / periods, decoding.length_px / period, unwrapped.region)
+    steps = np.arange(1.0, np.ceil(decoding.length_px / period))
+    apart = _wrapped(np.outer(steps, period / periods))
+    fits = _nearest(found, error, apart, unwrapped.region)
     fits &= (coordinate > -0.5) & (coordinate < decoding.length_px - 0.5)
     _write(found, fits, coordinate, unwrapped.sigma, results)
+    # Parts whose depth differs by whole periods are in the region, too. They fit their own order.
     known = results["coordinate"].flat[pixels]
     with np.errstate(invalid="ignore"):
-        other = pixels[np.abs(known - coordinate) > 0.5 * period]
-    results["coordinate"].flat[other] = results["sigma"].flat[other] = np.nan
-    results["reason"].flat[other] = Reason.ORDER_AMBIGUOUS
+        other = np.abs(known - coordinate) > 0.5 * period
+        own = _wrapped(turns - known / periods[:, None])
+        other &= ~_near(own, apart, found.smooth + found.noise, OWN)
+    results["coordinate"].flat[pixels[other]] = results["sigma"].flat[pixels[other]] = np.nan
+    results["reason"].flat[pixels[other]] = Reason.ORDER_AMBIGUOUS
 
 
 def _best(found: _Region, explained: FloatMap, width: int) -> int | None:
@@ -214,17 +223,14 @@ def _best(found: _Region, explained: FloatMap, width: int) -> int | None:
 def _nearest(
     found: _Region,
     error: FloatMap,
-    shares: FloatMap,
-    most: float,
+    apart: FloatMap,
     region: NDArray[np.uint32],
 ) -> BoolMap:
     """Pixels whose phases, and the mean of whose window, are nearer to their order than to others.
 
-    ``error``: of the sets with that order, (M, n) turns; ``shares``: turns of the sets in one of
-    the finest fringes; ``most``: number of orders.
+    ``error``: of the sets with that order, (M, n) turns; ``apart``: those of all other orders in
+    place of it, (K, M) turns.
     """
-    steps = np.arange(1.0, np.ceil(most))
-    apart = _wrapped(np.outer(steps, shares))
     fits = np.ones(found.pixels.size, bool)
     inside = np.zeros(region.shape, np.float32)
     inside.flat[found.pixels] = 1.0
@@ -234,10 +240,14 @@ def _nearest(
         inside.flat[found.pixels] = row
         means.append(scipy.ndimage.uniform_filter(inside, WINDOW).flat[found.pixels] / around)
     for off, count in ((error, 1.0), (np.stack(means), float(WINDOW**2))):
-        variance = found.smooth + found.noise / count
-        reach = 0.25 * float(np.min(np.sum(apart**2 / variance, axis=1), initial=np.inf))
-        fits &= np.sum(off**2 / variance[:, None], axis=0) < reach
+        fits &= _near(off, apart, found.smooth + found.noise / count, 0.5)
     return fits
+
+
+def _near(off: FloatMap, apart: FloatMap, variance: FloatMap, share: float) -> BoolMap:
+    """Whether errors of the sets are within a share of the distance to the nearest other order."""
+    nearest = np.min(np.sum(apart**2 / variance, axis=1), initial=np.inf)
+    return np.asarray(np.sum(off**2 / variance[:, None], axis=0) < share**2 * nearest)
 
 
 def _write(

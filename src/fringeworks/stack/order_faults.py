@@ -71,7 +71,7 @@ PREFERRED = ("period", "steps", "", "sets", "set", "moved", "start")
 """Kinds of explanations in the order in which equally good ones are named; "" stands for others."""
 
 
-def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
+def refuse_order_faults(plan: PatternPlan, evidence: Evidence, *, moves: bool = False) -> bool:
     """Refuse frames that contradict their plan, and name the likeliest fault.
 
     Parameters
@@ -79,6 +79,8 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
     plan : PatternPlan
     evidence : dict
         The lines of every axis.
+    moves : bool
+        Whether the scene may move, so that faults which explain little are none.
 
     Returns
     -------
@@ -108,8 +110,9 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
     fitting = [(_gain(plan, h, evidence, planned), h) for h in candidates]
     fitting = _with_own_axes(_with_one_start([one for one in fitting if one[0] > 0.0]))
     if fitting and not _told_by_code(fitting, evidence):
-        words = _words(fitting, vague=not _explained(plan, fitting, planned))
-        raise FramesContradictPlan(words + (also and f"; {also}"))
+        vague = not _explained(plan, fitting, planned)
+        if not (vague and moves):
+            raise FramesContradictPlan(_words(fitting, vague=vague) + (also and f"; {also}"))
     if repeated:
         raise FramesContradictPlan(also)
     for hypothesis in clear_conventions(plan, evidence, by_code):

@@ -137,7 +137,7 @@ def examine(
     told = unknown.given or limits.saturation == unknown.saturation
     findings += words.saturated(sample.points, limits, rough, plan.labels(), told)
     with saturation_first(findings):
-        decodings = _ordered(plan, sample, decodings, known, findings)
+        decodings = _ordered(plan, sample, decodings, known, findings, moves=moves)
         decodings = _with_real_frames(decodings, sample, limits, steps=estimate_steps)
         if noise is None:
             noise, source = measure_noise(decodings, sample, limits, start)
@@ -168,6 +168,8 @@ def _ordered(
     decodings: dict[Axis, Decoding],
     known: Known,
     findings: list[Finding],
+    *,
+    moves: bool,
 ) -> dict[Axis, Decoding]:
     """The decodings with the cells that the camera resolves, of frames in the order of the plan."""
     clear = sample.below(known.limits.saturation)
@@ -178,7 +180,7 @@ def _ordered(
     for axis, decoding in decodings.items():
         findings += words.unresolved(decoding, coarse[axis], plan.labels())
         findings += words.beyond_projector(coarse[axis], plan)
-    findings += _check_order(plan, sample, coarse, known)
+    findings += _check_order(plan, sample, coarse, known, moves)
     return {axis: _by_resolved_cells(d, coarse[axis]) for axis, d in decodings.items()}
 
 
@@ -275,7 +277,7 @@ def _degrees(phases: PhaseFrames) -> list[float]:
 
 
 def _check_order(
-    plan: PatternPlan, sample: Sample, decodings: dict[Axis, Decoding], known: Known
+    plan: PatternPlan, sample: Sample, decodings: dict[Axis, Decoding], known: Known, moves: bool
 ) -> list[Finding]:
     """Refuse frames in a wrong order; blurred sets and exposures that differ are findings.
 
@@ -290,7 +292,7 @@ def _check_order(
         }
 
     planned = evidence(decodings)
-    suspicious = refuse_order_faults(plan, planned)
+    suspicious = refuse_order_faults(plan, planned, moves=moves)
     findings = [
         words.flat(phases, axis)
         for axis, found in planned.items()

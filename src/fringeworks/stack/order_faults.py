@@ -93,7 +93,7 @@ PREFERRED = ("period", "steps", "", "sets", "set", "moved", "start")
 """Kinds of explanations in the order in which equally good ones are named; "" stands for others."""
 
 
-def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
+def refuse_order_faults(plan: PatternPlan, evidence: Evidence, *, moves: bool = False) -> bool:
     """Refuse frames that contradict their plan, and name the likeliest fault.
 
     Parameters
@@ -101,6 +101,8 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
     plan : PatternPlan
     evidence : dict
         The lines of every axis.
+    moves : bool
+        Whether the scene may move, so that faults which explain little are none.
 
     Returns
     -------
@@ -134,8 +136,8 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
     if fitting and not _told_by_code(fitting, evidence):
         best = max(fitting, key=lambda one: one[0])
         told = best[1].kind in CONSISTENT or _explains(best, planned, EXPLAINED)
-        words = _words(fitting, vague=not told)
-        raise FramesContradictPlan(words + (also and f"; {also}"))
+        if told or not moves:
+            raise FramesContradictPlan(_words(fitting, vague=not told) + (also and f"; {also}"))
     if repeated:
         raise FramesContradictPlan(also)
     for hypothesis in clear_conventions(plan, evidence, by_code):

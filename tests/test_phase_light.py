@@ -11,7 +11,7 @@ import fringeworks as fw
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, equal_steps
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.stack.phase_light import Light, with_frames, with_light
-from fringeworks.stack.ripple import unknown_ripple, usual_rad
+from fringeworks.stack.ripple import unknown_ripple
 from tests.grids import quick
 
 SHAPE, LENGTH, OVER = (300, 420), 640, 8
@@ -193,7 +193,7 @@ def test_light_of_the_room_that_flickers_is_told_within_its_error(steps):
     size = abs(expected[0])
     assert size > 0.02
     assert np.all(np.abs(found.phasors_rad[:2] - expected) < 3.0 * found.error_rad + size**2)
-    assert found.error_rad < 0.01 + usual_rad(steps, steps)
+    assert found.error_rad < 0.01
     few = Light(measured_rad, light.used, modulation, light.mean, fringe // 8.0)
     assert with_frames(nothing, few, steps) is nothing  # two fringes: paint may do the same
     others = Light(measured_rad, light.used, modulation, light.mean)

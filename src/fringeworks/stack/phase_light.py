@@ -134,7 +134,7 @@ def with_frames(ripple: Ripple, light: Light, steps: int) -> Ripple:
     Parameters
     ----------
     ripple : Ripple
-        Of a set of any number of steps, along lines that are rough.
+        Of a set of more than ``MOST_STEPS`` steps, along lines that are rough.
     light : Light
     steps : int
         Number of steps N.
@@ -147,10 +147,9 @@ def with_frames(ripple: Ripple, light: Light, steps: int) -> Ripple:
     regression = _Regression.of(light, steps) if _rough(ripple) else None
     if regression is None or regression.fringes is None:
         return ripple
-    usual = np.array([usual_rad(k, steps) if k % steps == 0 else 0.0 for k in ripple.orders])
-    error = float(np.hypot.reduce(np.minimum(ripple.errors_rad, usual)))
-    nothing = replace(ripple, phasors_rad=np.zeros_like(ripple.phasors_rad), error_rad=error)
-    return _with_frames(nothing, ripple, regression)
+    nothing = np.zeros_like(ripple.phasors_rad)
+    told = replace(ripple, phasors_rad=nothing, error_rad=0.0, told_rad=0.0)
+    return _with_frames(told, ripple, regression)
 
 
 def _rough(ripple: Ripple) -> bool:
@@ -180,8 +179,9 @@ def _with_frames(ripple: Ripple, lines: Ripple, regression: _Regression) -> Ripp
     phasors, expected = ripple.phasors_rad.copy(), ripple.errors_rad.copy()
     phasors[at], expected[at] = share * found, 0.0
     error = float(np.hypot.reduce([ripple.error_rad, *(share**0.5 * errors)]))
-    told = error if ripple.told else None
-    return replace(ripple, phasors_rad=phasors, errors_rad=expected, error_rad=error, told_rad=told)
+    return replace(
+        ripple, phasors_rad=phasors, errors_rad=expected, error_rad=error, told_rad=error
+    )
 
 
 def _alike(one: Evidence, other: Evidence) -> bool:

@@ -136,7 +136,8 @@ class Ripple:
     places: int = MIN_PLACES
     """Number of places along the lines that it was seen at."""
     told_rad: float | None = None
-    """Error of the part of a response, rms, rad, where the brightness of the fringes tells it."""
+    """Error of what the brightness of the fringes tells, rms, rad: the part of a response or of
+    wrong frames, whichever may be large."""
     unknown_rad: float = 0.0
     """What a response usually makes, rms, rad, where frames should show it but nothing does."""
     freedom: float = float("inf")
@@ -144,7 +145,7 @@ class Ripple:
 
     @property
     def told(self) -> bool:
-        """Whether the brightness of the fringes tells the part of a response."""
+        """Whether the brightness of the fringes tells what may be large."""
         return self.told_rad is not None
 
     @property

@@ -153,8 +153,7 @@ def _ripple(
         if few and not told.places and len(decoding.sets) == 1:
             # Nearly all pixels are saturated. Several sets show it by their differences.
             told = replace(told, unknown_rad=usual_rad(steps, steps) / 2.0**0.5)
-    seen = told.places or told.told or told.unknown_rad or told.sure
-    return told if seen else None
+    return told if told.places or told.told or told.unknown_rad else None
 
 
 def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known) -> Ripple | None:

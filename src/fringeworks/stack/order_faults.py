@@ -142,15 +142,17 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence, *, moves: bool = 
         raise FramesContradictPlan(also)
     for hypothesis in clear_conventions(plan, evidence, by_code):
         raise FramesContradictPlan(_words([(0.0, hypothesis)]))
-    if suspicious and any(found.rough for found in evidence.values()):
+    if not suspicious or not _unfit(planned):
+        return suspicious
+    if any(found.rough for found in evidence.values()):
         _refuse_dark_end(plan, evidence)
-    if suspicious and _unfit(planned) and not any(plan.phase_sets(axis) for axis in plan.axes):
+    if not any(plan.phase_sets(axis) for axis in plan.axes):
         raise FramesContradictPlan(
             "frames: the bits of the Gray code contradict each other all over the image, and no "
             "order of these frames fits; expected the bits of the plan in its order, of one scene "
             "at rest (likely the plan is another)"
         )
-    return suspicious
+    return True
 
 
 def _likely(

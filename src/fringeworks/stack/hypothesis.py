@@ -36,6 +36,8 @@ class Hypothesis:
     """Shift of the image since then along the lines, camera px."""
     exposure: tuple[int, float] | None = None
     """A frame of the stack whose exposure is another, and how many times that of the others."""
+    explained: float = field(default=0.0, compare=False)
+    """Share that it explains of what contradicts the plan, of the votes that it changes."""
     band: Mapping[Axis, BoolMap] = field(default_factory=dict, compare=False)
     """Votes that see it along each axis; all of all axes where empty."""
 

@@ -106,15 +106,17 @@ def _undecided(
     ends = place[links.rows, links.columns]
     links_of = np.bincount(ends.ravel(), minlength=count + 1)
     against = np.bincount(ends[open_links].ravel(), minlength=count + 1)
-    lost_place = ~rim & (2 * against > links_of)
+    lost_place = ~rim & (2 * against > links_of) & (against >= MIN_LINES)
     free = ~rim & (links_of == 0)
     touched = (orders.whole != 0) | orders.undecided
     lines = np.bincount(gap[unused.rows, unused.columns].max(axis=1), minlength=gaps + 1)
-    lost_gap = lines >= MIN_LINES
+    lost_gap = np.zeros(gaps + 1, bool)
     lost = -1
     while lost != (lost := int(np.count_nonzero(lost_gap)) + int(np.count_nonzero(lost_place))):
         lost_gap[gap[widened(touched | (on & lost_place[place]), 1) & ~on]] = True
         lost_place[place[widened(~on & lost_gap[gap], 1) & on & free[place]]] = True
+    # The sides of creases are surfaces, too: shadows beside none say nothing of those.
+    lost_gap |= lines >= MIN_LINES
     return np.asarray(orders.undecided | np.where(on, lost_place[place], lost_gap[gap]))
 
 

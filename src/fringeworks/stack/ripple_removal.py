@@ -27,6 +27,7 @@ from fringeworks.stack.ripple import (
     MIN_PLACES,
     MOST_USUAL,
     RESPONSE_ORDER,
+    STEP_RIPPLE_RAD,
     SURE,
     Ripple,
     measure_ripple,
@@ -289,10 +290,12 @@ def _without_ripple(phases: PhaseFrames, ripple: Ripple, *, low: bool, high: boo
     ``high`` ones of a response."""
     if high and _of_response(ripple, len(phases.frames)):
         phases = _without_response(phases, ripple)
-    if not low:
+    if not low or (phases.design and not ripple.low_rad):
         return phases
     sure = phases.design and not phases.unsure
     unsure = not sure and ripple.rms_rad < REPORTED * ripple.error_rad
+    # Beside a large response, brightness tells no less than what steps and gains usually make.
+    unsure |= not sure and ripple.told and ripple.low_rad < STEP_RIPPLE_RAD
     return replace(phases, design=_without_low_orders(phases, ripple), unsure=unsure)
 
 

@@ -52,6 +52,10 @@ EXPLAINED = 0.5
 0.65 to 1 in simulations; what right captures leave to chance, such as another number of bits, a
 third."""
 
+COUNT_EXPLAINED = 0.75
+"""The same for another number of steps. A scene that moves by the same distance from frame to frame
+looks like one, by 0.57."""
+
 LEAST_EXPLAINED = 0.15
 """Smallest share of all that contradicts the plan, for faults that concern all votes, and for what
 is named as the nearest fault of frames that the plan does not fit. Signs of all sets that a right
@@ -226,9 +230,9 @@ def _near(found: tuple[float, Hypothesis], planned: Mapping[Axis, FloatMap]) -> 
     gain, h = found
     cost = float(sum(np.sum(part) for part in planned.values()))
     some = gain > LEAST_EXPLAINED * cost
-    if gain > 0.0 and h.explained > EXPLAINED:
+    if gain > 0.0 and h.explained > (COUNT_EXPLAINED if h.kind == "count" else EXPLAINED):
         return some or h.kind not in OF_ALL
-    return some and not h.band and _unfit(planned)
+    return some and not h.band and h.kind != "count" and _unfit(planned)
 
 
 def _unfit(planned: Mapping[Axis, FloatMap]) -> bool:

@@ -139,7 +139,7 @@ def _unwrapped(
         order_errors=(),
     )
     maps = empty_maps(planes[0].shape)
-    own = [planes[decoding.frames.index(k)] for k in alone.frames]
+    own = [np.ascontiguousarray(planes[decoding.frames.index(k)]) for k in alone.frames]
     _core.decode_frames(own, alone.kernel(*known), maps)
     turns = maps["coordinate"] / np.float32(period)
     smooth = (maps["reason"] == Reason.OK) & ~_beside_steps(turns)

@@ -185,8 +185,9 @@ def test_a_body_of_a_period_is_named():
     one = bench()
     found, error = measured("box", stated(one), _box(), plane_sigma_mm=0.05)
     assert within(error, 5.0) < 0.95
+    # What contradicts the shadows is removed, and the rest may be off.
+    assert finding(found, "shadows").severity == "warning"
     told = finding(found, "whole periods")
-    assert told.severity == "warning"
     assert told.figures["period_mm"] == pytest.approx(PERIOD_MM, rel=0.2)
     calm, _ = measured("dome", stated(one), dome(32.0, 5.0))
     assert finding(calm, "whole periods").severity == "note"

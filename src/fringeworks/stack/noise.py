@@ -26,7 +26,7 @@ from fringeworks.stack.fits import (
     samples_at,
     times,
 )
-from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
+from fringeworks.stack.kernel_settings import MIN_SNR, Decoding, Limits, PhaseFrames
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.stretch_noise import LOCAL_SHARE, squares_of_pieces
 from fringeworks.statistics.chi_square import residual_variance
@@ -75,9 +75,6 @@ Beyond three, 0.1 % of Gaussian noise is cut off, which lowers its variance by 0
 
 ROUGH_STRIDE = 4
 """Every so many pixels give the rough noise that ``CLIPPED_SIGMAS`` needs; a quarter suffices."""
-
-LEAST_MODULATION = 4.0
-"""Modulation below which the kernel calls a pixel dark, in standard deviations."""
 
 LOST = 0.02
 """Share of pixels that the noise of the whole frame must lose before that of pieces replaces it.
@@ -379,7 +376,7 @@ def _lost(noise: CameraNoise, decoding: Decoding, fits: list[SampleFit]) -> floa
     dark = np.zeros(fits[0].mean.shape, bool)
     for phases, fit in zip(decoding.sets, fits, strict=True):
         variance = noise.variance(fit.fitted[0]) * 2.0 / len(phases.frames)
-        dark |= fit.power < LEAST_MODULATION**2 * variance
+        dark |= fit.power < MIN_SNR**2 * variance
     return float(np.mean(dark))
 
 

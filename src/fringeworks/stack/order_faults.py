@@ -64,7 +64,7 @@ capture leaves open change it by 0.01 to 0.03, at the ends of the range."""
 OF_ALL = ("set", "sets")
 """Kinds of faults that concern all votes: other signs and starts of steps."""
 
-CONSISTENT = ("set", "sets", "empty")
+CONSISTENT = (*OF_ALL, "empty")
 """Kinds of causes that motion from frame to frame does not look like: other signs and starts, and
 frames without a pattern."""
 

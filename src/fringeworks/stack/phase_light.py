@@ -223,8 +223,6 @@ class _Regression:
     """The same: squared standard errors, by the scatter over places; 0 for those not needed."""
     places: int
     """Number of parts along the lines that pixels are in."""
-    lines: int
-    """Number of lines that pixels are in."""
     fringes: int | None
     """Number of fringes that pixels see; None where they are too few for a statement."""
 
@@ -276,7 +274,7 @@ class _Regression:
         low = 2 * len(FRAME_ORDERS)
         between, fringes = _between_fringes(light, scores[:low])
         variance[0, 1 : 1 + low] = np.maximum(variance[0, 1 : 1 + low], between)
-        return cls(orders, coefficients, variance, places, lines, fringes)
+        return cls(orders, coefficients, variance, places, fringes)
 
 
 def _starts(kept: BoolMap) -> NDArray[np.intp]:

@@ -155,9 +155,8 @@ def _beside_steps(turns: FloatMap) -> BoolMap:
     """Pixels whose coordinate differs from that of a neighbour by more than surfaces do."""
     beside = np.zeros(turns.shape, bool)
     for axis in (0, 1):
-        off = np.diff(turns, axis=axis)
         with np.errstate(invalid="ignore"):
-            steep = np.abs(off - np.rint(off)) > STEEPEST
+            steep = np.abs(_wrapped(np.diff(turns, axis=axis))) > STEEPEST
         for pair in ((0, 1), (1, 0)):
             beside |= np.pad(steep, [pair, (0, 0)] if axis == 0 else [(0, 0), pair])
     return beside
@@ -192,7 +191,7 @@ def _decide(
     error = _wrapped(off - orders[best] * period / periods[:, None])
     steps = np.arange(1.0, np.ceil(decoding.length_px / period))
     apart = _wrapped(np.outer(steps, period / periods))
-    fits = _nearest(found, error, apart, unwrapped.region)
+    fits = _nearest(found, error, apart, unwrapped.region.shape)
     fits &= (coordinate > -0.5) & (coordinate < decoding.length_px - 0.5)
     _write(found, fits, coordinate, unwrapped.sigma, results)
     # Parts whose depth differs by whole periods are in the region, too. They fit their own order.
@@ -224,21 +223,27 @@ def _nearest(
     found: _Region,
     error: FloatMap,
     apart: FloatMap,
-    region: NDArray[np.uint32],
+    shape: tuple[int, int],
 ) -> BoolMap:
     """Pixels whose phases, and the mean of whose window, are nearer to their order than to others.
 
     ``error``: of the sets with that order, (M, n) turns; ``apart``: those of all other orders in
     place of it, (K, M) turns.
     """
-    fits = np.ones(found.pixels.size, bool)
-    inside = np.zeros(region.shape, np.float32)
-    inside.flat[found.pixels] = 1.0
-    around = scipy.ndimage.uniform_filter(inside, WINDOW).flat[found.pixels]
-    means = []
-    for row in error:
-        inside.flat[found.pixels] = row
-        means.append(scipy.ndimage.uniform_filter(inside, WINDOW).flat[found.pixels] / around)
+    # Windows in the part of the frame that the region lies in, and what they reach beyond it.
+    at = np.divmod(found.pixels, shape[1])
+    reach = WINDOW // 2
+    first = [max(0, int(v.min()) - reach) for v in at]
+    end = [min(most, int(v.max()) + reach + 1) for v, most in zip(at, shape, strict=True)]
+    place = at[0] - first[0], at[1] - first[1]
+
+    def around(values: FloatMap | float) -> FloatMap:
+        inside = np.zeros(np.subtract(end, first), np.float32)
+        inside[place] = values
+        return np.asarray(scipy.ndimage.uniform_filter(inside, WINDOW)[place])
+
+    share, fits = around(1.0), np.ones(found.pixels.size, bool)
+    means = [around(row) / share for row in error]
     for off, count in ((error, 1.0), (np.stack(means), float(WINDOW**2))):
         fits &= _near(off, apart, found.smooth + found.noise / count, 0.5)
     return fits

@@ -200,8 +200,8 @@ def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str]) -> Finding |
     )
     named = tuple(labels[k] for k in phases.frames)
     most = int(np.argmax(np.abs(light)))
-    gains = f"light of {named[most]} differs by {100 * np.abs(light[most]):.1f} %"
-    gains += ", of the others by less"
+    share = f"{100 * np.abs(light[most]):.1f} %"
+    gains = f"light of {named[most]} differs from the mean by {share}, that of the others by less"
     figures = {
         "largest_step_error_deg": float(np.abs(off).max()),
         "largest_light_change": float(np.abs(light).max()),

@@ -38,7 +38,13 @@ from fringeworks.stack.kernel_settings import (
     reused_maps,
 )
 from fringeworks.stack.local_errors import inflation
-from fringeworks.stack.neighbours import maps_of_votes, vote, worth_voting
+from fringeworks.stack.neighbours import (
+    leave_in_doubt,
+    lines_in_doubt,
+    maps_of_votes,
+    vote,
+    worth_voting,
+)
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.order_words import in_words_of
 from fringeworks.stack.refine import Refined
@@ -286,9 +292,11 @@ def measure_axis(
         kernel = decoding.kernel(noise, limits, usual)
         in_bands(planes, results, partial(_run, kernel))
     if found.votes:
+        lines = lines_in_doubt(decoding, results)
         vote(decoding, kernel, results)
         if decoding.gray is None and worth_voting(decoding, results):
             decide_by_regions(decoding, planes, results, (noise, limits))
+        leave_in_doubt(results, lines)
 
 
 def typical_step(found: Refined, results: dict[str, Any]) -> float:

@@ -8,15 +8,28 @@ import numpy as np
 
 from fringeworks import _core
 from fringeworks.patterns.order_chain import TURN, separation
+from fringeworks.signal.filters import box_mean
 from fringeworks.stack.kernel_settings import Decoding, lit_pixels
 from fringeworks.statistics.chi_square import chi_square_quantile
-from fringeworks.types import FloatMap, Reason
+from fringeworks.types import BoolMap, FloatMap, Reason
 
 WORTH_VOTING = 0.02
 """Share of the lit pixels with an ambiguous order from which on neighbours vote: a dark part of a
 scene is lost without. In seven simulated photographs with 1 to 10 % of ambiguous pixels, votes of
 neighbours measured 0 to 10 % more pixels, and at most 80 per million more of them wrongly.
 """
+
+MANY = 0.1
+"""Share of the lit pixels with an ambiguous order from which on it is noise that takes the margin
+of the plan, everywhere. Edges and light of other surfaces leave up to 5 % ambiguous."""
+
+AREA = 0.5
+"""Share of the pixels around a pixel that are ambiguous in an area that is dark or noisy. In lines
+beside edges, which show light of two surfaces, fewer are. In ten simulated views, votes on lines
+put 280 points off by more than a millimetre, and none with this share."""
+
+AROUND = 5
+"""Side of the window of that share, px: edges leave lines of one or two pixels ambiguous."""
 
 UNKNOWN_TURNS = 1.0
 """Errors of all roundings, turns, from which on no order is known: sets that are shifted against
@@ -85,6 +98,28 @@ def _ambiguous(results: dict[str, Any]) -> float:
     """Share of the lit pixels with an ambiguous order."""
     ambiguous = int(np.count_nonzero(results["reason"] == Reason.ORDER_AMBIGUOUS))
     return ambiguous / max(1, int(np.count_nonzero(lit_pixels(results))))
+
+
+def lines_in_doubt(decoding: Decoding, results: dict[str, Any]) -> BoolMap:
+    """Mark ambiguous pixels in lines, as beside edges.
+
+    Their light is that of two surfaces. Doubt is right there, whatever neighbours say.
+
+    Parameters
+    ----------
+    decoding : Decoding
+    results : the kernel's maps
+    """
+    ambiguous = results["reason"] == Reason.ORDER_AMBIGUOUS
+    if decoding.gray is not None or _ambiguous(results) > MANY:
+        return np.zeros_like(ambiguous)
+    return np.asarray(ambiguous & (box_mean(ambiguous.astype(np.float32), AROUND) < AREA))
+
+
+def leave_in_doubt(results: dict[str, Any], pixels: BoolMap) -> None:
+    """Make pixels ambiguous that others have decided, in place."""
+    results["coordinate"][pixels] = results["sigma"][pixels] = np.nan
+    results["reason"][pixels] = Reason.ORDER_AMBIGUOUS
 
 
 def maps_of_votes(decoding: Decoding, shape: tuple[int, int]) -> dict[str, list[FloatMap]]:

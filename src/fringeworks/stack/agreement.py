@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import TURN
-from fringeworks.stack.bit_states import cost_of_states
+from fringeworks.stack.bit_states import change_of, cost_of_states, folded
 from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.fits import SampleFit, fit_matrices, fit_samples, times
 from fringeworks.stack.hypothesis import Hypothesis
@@ -58,11 +58,6 @@ RELATIVE_RESIDUAL = 1e-3
 
 NOISE_RESIDUAL = 4.0
 """Variance of a residual that begins to cost, over that of the noise: two standard deviations."""
-
-CHANGE = (0.46, 0.29)
-"""Cost of neighbours that have a missing bit in different states, if it is the finest one, and of
-every coarser one more: ln 3, because it changes at one pixel of three, and ln 2, over the 2.4 of a
-pixel without a coordinate."""
 
 FEWEST_BRIGHT = 2
 """Fewest other bright frames of a pixel that the light of one is compared with."""
@@ -143,13 +138,6 @@ def _three(pixels: BoolMap) -> BoolMap:
 def _jumps(bends: FloatMap) -> bool:
     """Whether more of the known bends are jumps than depth edges make."""
     return bool(np.count_nonzero(bends >= 1.0) > JUMPS * bends.size)
-
-
-def _change(order: Hypothesis, decoding: Decoding) -> float:
-    """Cost of a change of the bit that is missing: coarse bits change at few pixels."""
-    bits = () if decoding.gray is None else decoding.gray.bits
-    coarser = [len(bits) - 1 - n for n, k in enumerate(bits) if order.places[k : k + 1] == (None,)]
-    return CHANGE[0] + CHANGE[1] * min(coarser, default=0)
 
 
 @dataclass(frozen=True)
@@ -264,7 +252,8 @@ class LineEvidence:
         """Whether coordinates of frames as planned contradict each other at some triples."""
         cost, maps = self._cost(self.decoding, [self._planned])
         known, bend = _three(np.isfinite(maps["coordinate"])) & votes, self._bend(maps)
-        if _jumps(bend[known]):
+        seen = np.where(self.voters, maps["coordinate"], np.nan)
+        if _jumps(bend[known]) or (not self.decoding.sets and folded(seen, self.decoding)):
             return True
         if "apart" in maps and float(np.mean(maps["apart"][votes])) > LEAST_APART:
             return True
@@ -369,7 +358,7 @@ class LineEvidence:
         options = self._planes(order, decoding)
         if options is None:
             return None
-        cost, maps = self._cost(decoding, options, _change(order, decoding))
+        cost, maps = self._cost(decoding, options, change_of(order, decoding))
         if len(options) > 1 and order.lacks_one and decoding is self.decoding:
             # A bit without its noise costs less as well: only its other state speaks for a fault.
             planned, _ = self._cost(self.decoding, [self._planned])

@@ -84,6 +84,14 @@ pixels would be firmly bright. Stripes as fine as those that matter show both ha
 simulated photographs, unresolved bits had 0.00 and resolved ones 0.25 and more.
 """
 
+ALIEN_PAIR = 0.5
+"""Distance of the mean of a bit and its inverse from that of all pairs, in contrasts, from which on
+the frames are no pair: half of what two bright or two dark frames have."""
+
+ALIEN_PAIRS = 0.1
+"""Share of such pixels from which on a bit is not called unresolved: two frames that are
+independent of each other have half, and noise none."""
+
 CLEAR_SHARE = 0.75
 """Distance of a bit from its threshold, in contrasts, from which on its sign is beyond doubt."""
 
@@ -300,10 +308,12 @@ def resolution(gray: GrayFrames, sample: Sequence[NDArray[Any]], noise: CameraNo
     bits, rest = frames[: len(gray.bits)], frames[len(gray.bits) :]
     if gray.inverse:
         off, per_frame = 0.5 * (bits - rest), HALF_DIFFERENCE
-        contrast, light = np.abs(off).max(axis=0), 0.5 * (bits + rest).mean(axis=0)
+        contrast, pairs = np.abs(off).max(axis=0), 0.5 * (bits + rest)
+        light = np.median(pairs, axis=0)
+        alien = np.abs(pairs - light) > ALIEN_PAIR * contrast
     else:
         contrast, light, per_frame = 0.5 * (rest[0] - rest[1]), rest.mean(axis=0), FRAME_MINUS_MEAN
-        off = bits - light
+        off, alien = bits - light, np.zeros(bits.shape, bool)
     sigma = np.sqrt(per_frame * noise.variance(light))
     lit = contrast > CLEAR_LEVELS * sigma
     if np.count_nonzero(lit) < MIN_LEVEL_PIXELS:
@@ -311,7 +321,10 @@ def resolution(gray: GrayFrames, sample: Sequence[NDArray[Any]], noise: CameraNo
     share, both = _doubt_share(off[:, lit], contrast[lit], sigma[lit])
     limit = np.maximum(DOUBT_SIGMAS * sigma, share * contrast)[lit]
     firm = np.mean(np.abs(off[:, lit]) > limit, axis=1)
-    resolved = np.flatnonzero((firm >= RESOLVED_SHARE) & both)
+    # Frames that are no bit and its inverse are in a wrong order, and blurred no more than others.
+    strange = np.mean(alien[:, lit], axis=1) > ALIEN_PAIRS
+    firm[strange] = 1.0
+    resolved = np.flatnonzero((firm >= RESOLVED_SHARE) & (both | strange))
     if not resolved.size:
         return Resolution(len(firm) - 1)
     unresolved = len(firm) - 1 - int(resolved[-1])
@@ -337,10 +350,12 @@ def _doubt_share(off: FloatMap, contrast: FloatMap, sigma: FloatMap) -> tuple[fl
     both = np.minimum(dark, bright) >= ONE_SIDED
     last = int(np.flatnonzero(both)[-1]) if both.any() else len(off) - 1
     allowed = np.arange(len(off)) <= last
-    one_sided = np.maximum(dark, bright) >= RESOLVED_SHARE
-    if not (one_sided & ~allowed).any():
+    one_sided = ~allowed & (np.maximum(dark, bright) >= RESOLVED_SHARE)
+    level = np.abs(np.median(off / contrast, axis=1))
+    # A wide stripe that covers the view, as in frames of another order, is as bright as white.
+    if not one_sided.any() or level[one_sided].max() > CLEAR_SHARE:
         return NARROW_CONTRAST, np.ones(len(off), bool)
-    half = abs(float(np.median(off[-1] / contrast)))
+    half = float(level[-1])
     return half + NARROW_CONTRAST * (1.0 - half), np.asarray(allowed)
 
 

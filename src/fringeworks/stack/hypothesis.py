@@ -67,8 +67,10 @@ def decoding_under(plan: PatternPlan, axis: Axis, planned: Decoding) -> Decoding
         return None
     gray, seen = found.gray, planned.gray
     if gray is not None and seen is not None:
-        finer = np.log2(max((seen.resolved_px or 0.0) / gray.step_px, 1.0))
-        gray = replace(gray.without_finest(int(finer)), blurred_px=seen.blurred_px)
+        finer = int(np.log2(max((seen.resolved_px or 0.0) / gray.step_px, 1.0)))
+        if finer >= len(gray.bits):
+            return None
+        gray = replace(gray.without_finest(finer), blurred_px=seen.blurred_px)
     return replace(found, gray=gray)
 
 

@@ -9,7 +9,7 @@ from itertools import chain, combinations
 import numpy as np
 
 from fringeworks.patterns.plan import Block, GrayCode, PatternPlan, PhaseSteps, Uniform
-from fringeworks.stack.agreement import DARK, SAME, LineEvidence
+from fringeworks.stack.agreement import DARK, SAME, UNEXPLAINED, LineEvidence
 from fringeworks.stack.hypothesis import Hypothesis, changed, decoding_under, lagged
 from fringeworks.stack.other_orders import orders_of_other_programs
 from fringeworks.stack.other_patterns import (
@@ -212,7 +212,18 @@ def _gain(
     if gain <= max(least, FAR_BETTER):
         return 0.0, h
     changed = float(np.sum(old[np.abs(old - new) > CHANGED]))
-    return gain, replace(h, explained=gain / max(changed, gain))
+    explained = gain / max(changed, gain)
+    # Of orders that explain the code, the one counts that has white and black in place.
+    planned_light, light = (_patterns_for_light(one, evidence) for one in (Hypothesis.of(plan), h))
+    gain += UNEXPLAINED * old.size * (planned_light - light)
+    return gain, replace(h, explained=explained)
+
+
+def _patterns_for_light(h: Hypothesis, evidence: Evidence) -> int:
+    """Number of white and black frames that show a pattern."""
+    places = [h.places[k] for k, block in h.plan.placed if isinstance(block, Uniform)]
+    seen = next(iter(evidence.values()))
+    return sum(k is not None and seen.shows_pattern(k) for k in places)
 
 
 def _told_by_code(found: list[tuple[float, Hypothesis]], evidence: Evidence) -> bool:

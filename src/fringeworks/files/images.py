@@ -11,7 +11,6 @@ from contextvars import copy_context
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,9 +27,11 @@ from fringeworks.files.limits import (
     read_content,
 )
 from fringeworks.files.photographs import PHOTOGRAPH_SUFFIXES, RAW_SUFFIXES, read_photograph
+from fringeworks.files.scene_colour import LUMINANCE, SceneColour
 from fringeworks.signal.bands import row_bands
 from fringeworks.types import (
     BoolMap,
+    CameraNoise,
     FileProblem,
     FloatMap,
     FramesContradictPlan,
@@ -39,8 +40,6 @@ from fringeworks.types import (
     sealed,
 )
 
-LUMINANCE = (0.299, 0.587, 0.114)
-"""Weights of red, green and blue in a grey value (ITU-R BT.601)."""
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".pgm", ".ppm")
 """Images that are read without a further package."""
 TIFF_SUFFIXES = (".tif", ".tiff")
@@ -120,49 +119,10 @@ class ReadFrames(Frozen):
     saturation: float | None = None
     """Largest count of the files' type, where frames were converted from it to luminance."""
     colour: FloatMap | None = None
-    """Weighted mean of the images in red, green and blue, (h, w, 3), counts; None where no weights
+    """The scene under even light in red, green and blue, (h, w, 3), counts; None where no weights
     were given, or no image is coloured."""
-
-
-class _Colours:
-    """Adds up coloured images while they are read, so that few at a time are in memory.
-
-    They are added in the order of their numbers, whichever is read first: equal files give equal
-    sums to the last bit.
-    """
-
-    def __init__(self, weights: Mapping[int, float]) -> None:
-        self._weights = weights
-        self._left = sorted(weights, reverse=True)
-        self._waiting: dict[int, NDArray[Any]] = {}
-        self._lock = Lock()
-        self._sum: NDArray[np.float32] | None = None
-        self._coloured = False
-
-    def add(self, number: int, array: NDArray[Any], *, coloured: bool) -> None:
-        """Take an image of (h, w, 3) or (h, w, 4), where its number has a weight."""
-        if number not in self._weights or array.ndim != 3 or array.shape[2] < len(CHANNELS):
-            return
-        with self._lock:
-            self._coloured |= coloured
-            self._waiting[number] = array[..., : len(CHANNELS)]
-            while self._left and self._left[-1] in self._waiting:
-                following = self._left.pop()
-                image, weight = self._waiting.pop(following), np.float32(self._weights[following])
-                if self._sum is None:
-                    self._sum = np.zeros(image.shape, np.float32)
-                if self._sum.shape != image.shape:
-                    self._left = [following]  # never complete; the sizes are refused elsewhere
-                    return
-                for band in row_bands(image.shape[:2], len(CHANNELS) * image.itemsize):
-                    self._sum[band.rows] += image[band.rows] * weight
-
-    def mean(self) -> FloatMap | None:
-        """The mean, where all images with a weight have come; None where they are grey."""
-        if self._sum is None or not self._coloured or self._left:
-            return None
-        total = np.float32(sum(self._weights.values()))
-        return np.asarray(np.maximum(self._sum / total, 0.0), np.float32)
+    colour_noise: tuple[CameraNoise, ...] | None = None
+    """Noise of the colour's channels, where it is known."""
 
 
 def read_frame(path: StrPath) -> tuple[NDArray[Any], tuple[str, ...]]:
@@ -223,7 +183,7 @@ def read_frames(
         Channels of colour images that are a frame each, as "g" or "rgb"; "best" for the combination
         of all with the least noise; empty for luminance.
     weights : mapping, optional
-        Weights of the images, by their numbers, whose mean is the colour of the scene.
+        Weights of the images, by their numbers, whose mean is the scene under even light.
 
     Returns
     -------
@@ -234,7 +194,7 @@ def read_frames(
     FramesContradictPlan where a frame of a stack has another depth than the first, naming both
     files; FileProblem as ``read_frame``.
     """
-    colours = _Colours(weights or {})
+    colours = SceneColour(weights or {}, len(paths))
     if channels == BEST:
         images = _read_all(paths, "".join(CHANNELS), colours)
         return _least_noise(images, colours)
@@ -255,11 +215,16 @@ def read_frames(
         1.0 if whole else None,
         any(image.lossy for image in images),
         float(np.iinfo(images[0].kind).max) if stack and converted and whole else None,
-        colours.mean(),
+        **_seen_colour(colours),
     )
 
 
-def _least_noise(images: Sequence[_Image], colours: _Colours) -> ReadFrames:
+def _seen_colour(colours: SceneColour) -> dict[str, Any]:
+    noise = colours.noise()
+    return {"colour": colours.colour(), "colour_noise": noise}
+
+
+def _least_noise(images: Sequence[_Image], colours: SceneColour) -> ReadFrames:
     """Frames of colour images, by the combination of their channels with the least noise."""
     count = len(CHANNELS)
     several = [images[k : k + count] for k in range(0, len(images), count)]
@@ -280,7 +245,7 @@ def _least_noise(images: Sequence[_Image], colours: _Colours) -> ReadFrames:
         1.0 if whole else None,
         any(image.lossy for image in images),
         float(np.iinfo(kind).max) if whole else None,
-        colours.mean(),
+        **_seen_colour(colours),
     )
 
 
@@ -292,7 +257,7 @@ def _as_luminance(image: _Image, *, mark_clipped: bool) -> _Image:
     return image._replace(grey=grey, coloured=True)
 
 
-def _read_all(paths: Sequence[Path], channels: str, colours: _Colours) -> list[_Image]:
+def _read_all(paths: Sequence[Path], channels: str, colours: SceneColour) -> list[_Image]:
     """Read images on all processors: decoding leaves the interpreter to others for a part of its
     time."""
     # Limits on files belong to the context of the caller.
@@ -308,7 +273,7 @@ def _read_all(paths: Sequence[Path], channels: str, colours: _Colours) -> list[_
 
 
 def _read(
-    path: Path, channels: str, number: int = 0, colours: _Colours | None = None
+    path: Path, channels: str, number: int = 0, colours: SceneColour | None = None
 ) -> list[_Image]:
     """The frames of an image file: one for each of the channels, or its grey one."""
     path = existing_file(path, "an image file")

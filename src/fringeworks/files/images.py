@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.files.atomic import StrPath, replacing
+from fringeworks.files.bayer_image import BayerImage
 from fringeworks.files.best_channels import BEST, best_weights, combined
 from fringeworks.files.limits import (
     MAX_LENGTH_PX,
@@ -30,7 +31,6 @@ from fringeworks.files.photographs import PHOTOGRAPH_SUFFIXES, RAW_SUFFIXES, rea
 from fringeworks.files.scene_colour import LUMINANCE, SceneColour
 from fringeworks.signal.bands import row_bands
 from fringeworks.types import (
-    BoolMap,
     CameraNoise,
     FileProblem,
     FloatMap,
@@ -87,8 +87,8 @@ class _Image(NamedTuple):
     """Whether the channels differ somewhere."""
     lossy: bool
     """Whether the file is lossily compressed."""
-    clipped: BoolMap | None = None
-    """Where a channel of a coloured image is at the limit of its type, (h, w)."""
+    clipped: NDArray[np.uint32] | None = None
+    """Pixels of a coloured image with a channel at the limit of its type, by their number."""
     channel: str = ""
     """The channel of a colour image that ``grey`` is; empty for all."""
 
@@ -194,7 +194,8 @@ def read_frames(
     FramesContradictPlan where a frame of a stack has another depth than the first, naming both
     files; FileProblem as ``read_frame``.
     """
-    colours = SceneColour(weights or {}, len(paths))
+    # Luminance is among the frames unless channels are named.
+    colours = SceneColour(weights or {}, len(paths), own_light=bool(channels))
     if channels == BEST:
         images = _read_all(paths, "".join(CHANNELS), colours)
         return _least_noise(images, colours)
@@ -215,13 +216,13 @@ def read_frames(
         1.0 if whole else None,
         any(image.lossy for image in images),
         float(np.iinfo(images[0].kind).max) if stack and converted and whole else None,
-        **_seen_colour(colours),
+        **_seen_colour(colours, () if channels else [image.grey for image in images]),
     )
 
 
-def _seen_colour(colours: SceneColour) -> dict[str, Any]:
-    noise = colours.noise()
-    return {"colour": colours.colour(), "colour_noise": noise}
+def _seen_colour(colours: SceneColour, light: Sequence[NDArray[Any]]) -> dict[str, Any]:
+    noise, colour = colours.noise(), colours.colour(light)
+    return {"colour_noise": noise, "colour": None if colour is None else sealed(colour)}
 
 
 def _least_noise(images: Sequence[_Image], colours: SceneColour) -> ReadFrames:
@@ -245,7 +246,7 @@ def _least_noise(images: Sequence[_Image], colours: SceneColour) -> ReadFrames:
         1.0 if whole else None,
         any(image.lossy for image in images),
         float(np.iinfo(kind).max) if whole else None,
-        **_seen_colour(colours),
+        **_seen_colour(colours, ()),
     )
 
 
@@ -253,7 +254,7 @@ def _as_luminance(image: _Image, *, mark_clipped: bool) -> _Image:
     """An image of a set in which at least one is coloured."""
     grey = image.grey.astype(np.float32, copy=False)
     if mark_clipped and image.clipped is not None:
-        grey = np.where(image.clipped, np.float32(np.iinfo(image.kind).max), grey)
+        grey.reshape(-1)[image.clipped] = np.float32(np.iinfo(image.kind).max)
     return image._replace(grey=grey, coloured=True)
 
 
@@ -279,26 +280,14 @@ def _read(
     path = existing_file(path, "an image file")
     if path.stat().st_size == 0:
         raise FileProblem(f"{path}: expected an image, got an empty file")
-    suffix = _suffix_by_content(path)
-    if suffix in TIFF_SUFFIXES:
-        from fringeworks.files.tiff import read_tiff  # 15 ms, for those only who read TIFF
-
-        array, lossy = read_tiff(path)
-    elif suffix in IMAGE_SUFFIXES:
-        array, lossy = _read_image(path)
-    elif suffix in PHOTOGRAPH_SUFFIXES:
-        content = read_content(path, "a photograph")
-        with parsing(path, "a readable photograph"):
-            array, lossy = read_photograph(content, suffix)
-    else:
-        known = ", ".join(IMAGE_SUFFIXES + TIFF_SUFFIXES + PHOTOGRAPH_SUFFIXES)
-        raise FileProblem(f"{path}: expected an image ({known}), got {suffix or 'no suffix'}")
-    if array.dtype == bool:
+    array, lossy = _counts_of(path)
+    if isinstance(array, np.ndarray) and array.dtype == bool:
         array = array.astype(np.uint8) * np.uint8(255)
     with parsing(path, "an image"):
         if array.dtype.kind not in "uif":
             raise FileProblem(f"expected counts, got {array.dtype}")
-        array = _as_counts(array.astype(array.dtype.newbyteorder("="), copy=False))
+        if isinstance(array, np.ndarray):
+            array = _as_counts(array.astype(array.dtype.newbyteorder("="), copy=False))
         if not channels:
             grey = _to_grey(path, array, lossy)
             if colours is not None:
@@ -310,11 +299,35 @@ def _read(
             )
         if colours is not None:
             colours.add(number, array, coloured=True)
-        parts = [np.ascontiguousarray(array[..., CHANNELS.index(letter)]) for letter in channels]
+        parts = [_channel(array, CHANNELS.index(letter)) for letter in channels]
         return [
             _Image(path, part, array.dtype, array.shape[2], False, lossy, channel=letter)
             for part, letter in zip(parts, channels, strict=True)
         ]
+
+
+def _counts_of(path: Path) -> tuple[NDArray[Any] | BayerImage, bool]:
+    """What an image file holds, and whether it is lossily compressed."""
+    suffix = _suffix_by_content(path)
+    if suffix in TIFF_SUFFIXES:
+        from fringeworks.files.tiff import read_tiff  # 15 ms, for those only who read TIFF
+
+        return read_tiff(path)
+    if suffix in IMAGE_SUFFIXES:
+        return _read_image(path)
+    if suffix in PHOTOGRAPH_SUFFIXES:
+        content = read_content(path, "a photograph")
+        with parsing(path, "a readable photograph"):
+            return read_photograph(content, suffix)
+    known = ", ".join(IMAGE_SUFFIXES + TIFF_SUFFIXES + PHOTOGRAPH_SUFFIXES)
+    raise FileProblem(f"{path}: expected an image ({known}), got {suffix or 'no suffix'}")
+
+
+def _channel(array: NDArray[Any] | BayerImage, number: int) -> NDArray[Any]:
+    """One channel of a colour image."""
+    if isinstance(array, BayerImage):
+        return array.channel(number)
+    return np.ascontiguousarray(array[..., number])
 
 
 def _suffix_by_content(path: Path) -> str:
@@ -440,10 +453,32 @@ def _check_size(width: int, height: int) -> None:
         raise FileProblem(f"expected at most {MAX_LENGTH_PX} px along a side, got more")
 
 
-def _to_grey(path: Path, array: NDArray[Any], lossy: bool) -> _Image:
+def _to_grey(path: Path, array: NDArray[Any] | BayerImage, lossy: bool) -> _Image:
     kind = array.dtype
-    if array.ndim == 2:
-        return _Image(path, array, kind, 1, False, lossy)
+    if isinstance(array, np.ndarray):
+        if array.ndim == 2:
+            return _Image(path, array, kind, 1, False, lossy)
+        array = _opaque(path, array)
+    channels = array.shape[2]
+    # In bands: photographs of 24 MP would need several times their memory at once.
+    bands = [band.rows for band in row_bands(array.shape[:2], channels * np.dtype(float).itemsize)]
+    if all((part[..., :1] == part[..., 1:]).all() for part in (array[b] for b in bands)):
+        return _Image(path, _channel(array, 0), kind, channels, False, lossy)
+    grey = np.empty(array.shape[:2], np.float32)
+    limit = np.iinfo(kind).max if kind.kind in "ui" else None
+    full: list[NDArray[np.uint32]] = []
+    for b in bands:
+        part = array[b]
+        grey[b] = part.astype(np.float64) @ np.array(LUMINANCE)
+        if limit is not None:
+            at_limit = np.flatnonzero((part == limit).any(axis=2)) + b.start * part.shape[1]
+            full.append(at_limit.astype(np.uint32))
+    clipped = np.concatenate(full) if full else np.zeros(0, np.uint32)
+    return _Image(path, grey, kind, channels, True, lossy, clipped if clipped.size else None)
+
+
+def _opaque(path: Path, array: Any) -> NDArray[Any]:
+    """The counts of an image without its transparency, which it must not have."""
     if array.ndim != 3 or array.shape[2] not in (2, 3, 4):
         raise FileProblem(f"{path}: expected one grey or colour image, got shape {array.shape}")
     if array.shape[2] in (2, 4):
@@ -451,19 +486,7 @@ def _to_grey(path: Path, array: NDArray[Any], lossy: bool) -> _Image:
         if np.ptp(alpha):
             raise FileProblem(f"{path}: expected an opaque image, got one with transparency")
         array = array[..., :-1]
-    channels = array.shape[2]
-    # In bands: photographs of 24 MP would need several times their memory at once.
-    bands = [band.rows for band in row_bands(array.shape[:2], channels * np.dtype(float).itemsize)]
-    if all((array[b, :, :1] == array[b, :, 1:]).all() for b in bands):
-        return _Image(path, np.ascontiguousarray(array[..., 0]), kind, channels, False, lossy)
-    grey = np.empty(array.shape[:2], np.float32)
-    limit = np.iinfo(kind).max if kind.kind in "ui" else None
-    clipped = np.zeros(array.shape[:2], bool)
-    for b in bands:
-        grey[b] = array[b].astype(np.float64) @ np.array(LUMINANCE)
-        if limit is not None:
-            clipped[b] = (array[b] == limit).any(axis=2)
-    return _Image(path, grey, kind, channels, True, lossy, clipped if clipped.any() else None)
+    return np.asarray(array)
 
 
 def holds_counts(frame: NDArray[Any]) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from threading import Lock
 from typing import Any
 
@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks._lazy import scipy
+from fringeworks.files.bayer_image import BayerImage
 from fringeworks.signal.bands import row_bands
 from fringeworks.statistics.chi_square import chi_square_quantile
 from fringeworks.types import CameraNoise, FloatMap
 
+Colours = NDArray[Any] | BayerImage
+"""A colour image: an array, or one that is computed in bands."""
 LUMINANCE = (0.299, 0.587, 0.114)
 """Weights of red, green and blue in a grey value (ITU-R BT.601)."""
 COLOURS = 3
@@ -50,6 +53,9 @@ class SceneColour:
         any there is no colour.
     count : int
         Number of images.
+    own_light : bool
+        Whether to sum up the luminance as well; where it is kept for each image, ``colour`` takes
+        it from there.
 
     Notes
     -----
@@ -61,62 +67,70 @@ class SceneColour:
     with a channel at the limit of its type are left out of r_c at that pixel.
     """
 
-    def __init__(self, weights: Mapping[int, float], count: int) -> None:
+    def __init__(self, weights: Mapping[int, float], count: int, *, own_light: bool = True) -> None:
+        self._own_light = own_light
         self._weights = dict(weights)
         self._count = count
         self._next = 0
-        self._waiting: dict[int, NDArray[Any] | None] = {}
+        self._waiting: dict[int, Colours | None] = {}
         self._lock = Lock()
         self._coloured = False
         self._failed = not weights
+        self._kind: np.dtype[Any] = np.dtype(np.float32)
         self._shape: tuple[int, ...] = ()
         self._even: NDArray[np.float32] = np.zeros((0, 0), np.float32)
         self._square, self._products = self._even, self._even
         self._samples: list[NDArray[np.float32]] = []
 
-    def add(self, number: int, array: NDArray[Any], *, coloured: bool) -> None:
+    def add(self, number: int, array: Colours, *, coloured: bool) -> None:
         """Take image number ``number``: colours (h, w, 3) or (h, w, 4), or grey."""
         if self._failed:
             return
         usable = array.ndim == COLOURS and array.shape[2] >= COLOURS
         with self._lock:
             self._coloured |= coloured
-            self._waiting[number] = array[..., :COLOURS] if usable else None
+            self._waiting[number] = array if usable else None
             while self._next in self._waiting and not self._failed:
                 self._take(self._next, self._waiting.pop(self._next))
                 self._next += 1
 
-    def _take(self, number: int, image: NDArray[Any] | None) -> None:
+    def _take(self, number: int, image: Colours | None) -> None:
         if image is None:  # of grey images, only those that show the even light are missed
             self._failed = number in self._weights
             return
+        shape = (*image.shape[:2], COLOURS)
         if not self._shape:
-            self._shape = image.shape
-            self._even = np.zeros(image.shape[:2], np.float32)
-            self._square = np.zeros(image.shape[:2], np.float32)
-            self._products = np.zeros(image.shape, np.float32)
-        if image.shape != self._shape:
-            self._failed = True  # the sizes are refused elsewhere
+            self._shape, self._kind = shape, image.dtype
+            if self._own_light:
+                self._even, self._square = (np.zeros(shape[:2], np.float32) for _ in range(2))
+            self._products = np.zeros(shape, np.float32)
+        if (shape, image.dtype) != (self._shape, self._kind):
+            self._failed = True  # other sizes and types are refused elsewhere
             return
-        step = max(1, int(np.sqrt(self._even.size / SAMPLED_PX)))
-        self._samples.append(image[::step, ::step].astype(np.float32).reshape(-1, COLOURS))
-        limit = np.iinfo(image.dtype).max if image.dtype.kind in "ui" else None
+        step = max(1, int(np.sqrt(shape[0] * shape[1] / SAMPLED_PX)))
         even = np.float32(self._weights.get(number, 0.0))
+        sample = []
         # A band of the image as floats, its luminance, and a product.
-        for band in row_bands(image.shape[:2], 4 * (COLOURS + 2)):
-            self._add_band(image[band.rows], band.rows, even, limit)
+        for band in row_bands(shape[:2], 4 * (COLOURS + 2)):
+            part = image[band.rows][..., :COLOURS]
+            sample.append(part[-band.rows.start % step :: step, ::step].reshape(-1, COLOURS))
+            self._add_band(part, band.rows, even)
+        self._samples.append(np.concatenate(sample).astype(np.float32))
 
-    def _add_band(
-        self, image: NDArray[Any], rows: slice, even: np.float32, limit: int | None
-    ) -> None:
+    @property
+    def _limit(self) -> float:
+        """Largest count of the images' type."""
+        return float(np.iinfo(self._kind).max) if self._kind.kind in "ui" else np.inf
+
+    def _add_band(self, image: NDArray[Any], rows: slice, even: np.float32) -> None:
         light = np.zeros(image.shape[:2], np.float32)
         for c, share in enumerate(LUMINANCE):
             light += image[..., c] * np.float32(share)
-        if even:
+        if self._own_light and even:
             self._even[rows] += even * light
-        if limit is not None:
-            light[(image == limit).any(axis=2)] = 0.0
-        self._square[rows] += light * light
+        light[(image >= self._limit).any(axis=2)] = 0.0
+        if self._own_light:
+            self._square[rows] += light * light
         for c in range(COLOURS):
             self._products[rows, :, c] += light * image[..., c]
 
@@ -126,22 +140,38 @@ class SceneColour:
         complete = self._next == self._count and bool(self._shape)
         return complete and self._coloured and not self._failed
 
-    def colour(self) -> FloatMap | None:
-        """The colour, (h, w, 3), counts; None where it is not known. To be called once."""
+    def colour(self, light: Sequence[NDArray[Any]] = ()) -> FloatMap | None:
+        """The colour, (h, w, 3), counts; None where it is not known. To be called once.
+
+        Parameters
+        ----------
+        light : sequence of (h, w) arrays
+            Luminance of all images, at the limit where a channel is, unless it was summed up.
+        """
         if not self.known:
             return None
         found = self._products
-        total = np.float32(sum(self._weights.values()))
         for band in row_bands(self._shape[:2], 4 * COLOURS):
-            even = np.maximum(self._even[band.rows] / total, 0.0)
-            square = self._square[band.rows]
+            rows = band.rows
+            even, square = self._sums(light, rows)
+            even = np.maximum(even / np.float32(sum(self._weights.values())), 0.0)
             # A pixel that is saturated in every image, or dark in all, is grey.
             seen = square > 0
-            scale = np.divide(even, square, out=np.zeros_like(even), where=seen)
-            found[band.rows] *= scale[..., None]
-            found[band.rows][~seen] = even[~seen, None]
+            found[rows] *= np.divide(even, square, out=np.zeros_like(even), where=seen)[..., None]
+            found[rows][~seen] = even[~seen, None]
         self._even = self._square = self._products = np.zeros((0, 0), np.float32)
         return np.asarray(np.maximum(found, 0.0, out=found), np.float32)
+
+    def _sums(self, light: Sequence[NDArray[Any]], rows: slice) -> tuple[FloatMap, FloatMap]:
+        """Some rows of the even light, and of the sum of squares without saturated samples."""
+        if self._own_light:
+            return self._even[rows], self._square[rows]
+        even, square = (np.zeros(light[0][rows].shape, np.float32) for _ in range(2))
+        for k, frame in enumerate(light):
+            part = frame[rows]
+            even += np.float32(self._weights.get(k, 0.0)) * part
+            square += np.where(part < self._limit, part * part, np.float32(0.0))
+        return even, square
 
     def noise(self) -> tuple[CameraNoise, CameraNoise, CameraNoise] | None:
         """Noise of the colour's red, green and blue; None where the images do not tell it."""

@@ -42,7 +42,7 @@ def scene_brightness(stacks: Sequence[Stack], found: Decoded) -> FloatMap | None
 def _without_saturation(seen: FloatMap, stack: Stack, found: Decoded) -> FloatMap:
     """The colour, as bright as the fitted fringes where some samples of a pixel are saturated.
 
-    The mean of a pixel's samples is too dark there, while the fit leaves saturated samples out.
+    The mean of a pixel's samples is wrong there, while the fit leaves saturated samples out.
     """
     limit = saturation_of(stack.frames[0].dtype, stack.saturation)
     if not np.isfinite(limit):
@@ -61,7 +61,7 @@ def _without_saturation(seen: FloatMap, stack: Stack, found: Decoded) -> FloatMa
     weights = np.linalg.lstsq(flat[others], light[others], rcond=None)[0]
     shown = flat[places] @ weights
     lit = shown > 0
-    flat[places[lit]] *= np.maximum(light[places[lit]] / shown[lit], 1.0)[:, None]
+    flat[places[lit]] *= (light[places[lit]] / shown[lit])[:, None]
     return np.asarray(flat.reshape(seen.shape), np.float32)
 
 

@@ -49,6 +49,8 @@ PNG_LEVEL = 4
 the usual 6, and are 0.5 % larger."""
 CHANNELS = "rgb"
 """Letters of the channels of a colour image, in its order."""
+CHANNEL_NAMES = {"red": "r", "green": "g", "blue": "b"}
+"""Names of single channels, as for light of one colour."""
 MAGIC = {
     b"\x89PNG\r\n\x1a\n": "PNG",
     b"\xff\xd8\xff": "JPEG",
@@ -150,13 +152,13 @@ def read_frame(path: StrPath) -> tuple[NDArray[Any], tuple[str, ...]]:
 
 def checked_channels(channels: str | None) -> str:
     """Channels as they were given, empty for none; ``InputError`` for other letters."""
-    channels = channels or ""
+    channels = CHANNEL_NAMES.get(channels or "", channels or "")
     if channels == BEST:
         return channels
     if set(channels) - set(CHANNELS) or len(set(channels)) < len(channels):
         raise InputError(
-            "channels: expected some of r, g and b, each once, as g or rgb, or best, got "
-            f"{channels!r}"
+            "channels: expected some of r, g and b, each once, as g or rgb, or red, green or blue, "
+            f"or best, got {channels!r}"
         )
     return channels
 

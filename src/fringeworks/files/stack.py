@@ -74,8 +74,8 @@ def read_stack(
     plan : path or PatternPlan, optional
         For folders and files that have no plan beside them.
     channels : str, optional
-        Channels of colour images that are a frame each: "g" for green alone, "rgb" where every
-        image holds three frames of the plan; "best" for the combination of all three with the
+        Channels of colour images that are a frame each: "g" or "green" for green alone, "rgb" where
+        every image holds three frames of the plan; "best" for the combination of all three with the
         least noise. By default those that ``capture.toml`` says.
 
     Returns

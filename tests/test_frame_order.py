@@ -6,8 +6,10 @@ import json
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import fringeworks as fw
+from fringeworks.files.frame_order import by_name, in_plan_order
 from fringeworks.files.images import write_frame
 from fringeworks.files.plan import frame_names
 from tests.stacks import guarded, multi, take
@@ -134,3 +136,47 @@ def test_written_stacks_and_pictures_keep_their_order(tmp_path):
     stack = fw.files.read_stack(folder)
     np.testing.assert_array_equal(np.stack(stack.frames), take(plan))
     assert stack.notes == ()
+
+
+def dated(folder, names, minutes, *, fractions=True):
+    """JPEGs of four steps that were taken at these minutes, in the order of the plan."""
+    plan = fw.PatternPlan(64, 48, (fw.patterns.PhaseSteps("x", 16.0, fw.patterns.equal_steps(4)),))
+    for k, (name, minute) in enumerate(zip(names, minutes, strict=True)):
+        exif = Image.Exif()
+        exif.get_ifd(0x8769)[0x9003] = f"2026:05:04 10:{minute:02d}:07"
+        if fractions:
+            exif.get_ifd(0x8769)[0x9291] = f"{k}50"
+        Image.fromarray(np.full((4, 5), 40, np.uint8)).save(folder / name, exif=exif)
+    paths, notes = in_plan_order(by_name(list(folder.glob("*"))), plan, folder, listed=False)
+    return [path.name for path in paths], " ".join(notes)
+
+
+@pytest.mark.parametrize("minutes", [(1, 2, 3, 4), (9, 9, 9, 9)])
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (("IMG_8712.jpg", "IMG_8713.jpg", "IMG_0004.jpg", "IMG_0005.jpg"), "wrap, by the times"),
+        (("z17.jpg", "z18.jpg", "z2.jpg", "z3.jpg"), "wrap, by the times"),
+        (("plum.jpg", "fig.jpg", "pear.jpg", "lime.jpg"), "order of their times in EXIF"),
+        (("img1a2.jpg", "img0b9.jpg", "img7c1.jpg", "img3d3.jpg"), "order of their times in EXIF"),
+    ],
+)
+def test_time_stamps_tell_the_order_that_names_do_not(tmp_path, names, said, minutes):
+    found, note = dated(tmp_path, names, minutes)
+    assert found == list(names)
+    assert said in note
+
+
+NAMES = tuple(f"P{k}.jpg" for k in range(4))
+
+
+@pytest.mark.parametrize("minutes", [(1, 3, 2, 4), (4, 3, 2, 1)])
+def test_numbers_that_times_contradict_are_told(tmp_path, minutes):
+    found, note = dated(tmp_path, NAMES, minutes)
+    assert found == list(NAMES)
+    assert "times in EXIF contradict the numbers" in note
+
+
+@pytest.mark.parametrize("minutes", [(1, 1, 1, 1), (1, 1, 2, 3), (1, 2, 3, 4)])
+def test_equal_times_and_those_in_order_say_nothing(tmp_path, minutes):
+    assert dated(tmp_path, NAMES, minutes, fractions=False) == (list(NAMES), "")

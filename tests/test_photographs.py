@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 import fringeworks as fw
+from fringeworks.files.bayer_image import BayerImage
 from fringeworks.files.images import read_frame, read_frames
 
 GREY = (np.arange(20 * 24).reshape(20, 24) % 251).astype(np.uint8)
@@ -129,3 +130,56 @@ def test_the_jpeg_beside_a_raw_file_is_no_frame_of_its_own(tmp_path):
         Image.fromarray(GREY).save(tmp_path / f"{k}.jpg")
         (tmp_path / f"{k}.cr2").write_bytes(b"x")
     assert len(fw.files.read_stack(tmp_path, plan_of(3)).frames) == 3
+
+
+PATTERNS = ([[0, 1], [3, 2]], [[1, 0], [2, 3]], [[2, 3], [1, 0]], [[3, 2], [0, 1]])
+
+
+def mosaic_of(planes, pattern, black, white):
+    """Raw counts of light (h, w, 3), shares of the full scale, behind a mosaic."""
+    number = np.tile(pattern, (planes.shape[0], planes.shape[1]))[: planes.shape[0]]
+    number = number[:, : planes.shape[1]]
+    channel = np.array([0, 1, 2, 1])[number]
+    light = np.take_along_axis(planes, channel[..., None], axis=2)[..., 0]
+    return np.rint(black + light * (white - black)).astype(np.uint16)
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+@pytest.mark.parametrize("shape", [(20, 24), (31, 17)])
+def test_a_mosaic_is_interpolated_linearly(pattern, shape):
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    ramps = np.stack((0.1 + 0.02 * x, 0.8 - 0.02 * y, 0.1 + 0.01 * (x + y)), axis=-1)
+    raw = mosaic_of(ramps, np.array(pattern), 500, 15000)
+    image = BayerImage(raw, np.array(pattern), [500] * 4, 15000)
+    whole = image.whole()
+    assert whole.shape == image.shape
+    # To the rounding of the raw counts; at the border there is nothing to interpolate between.
+    np.testing.assert_allclose(whole[1:-1, 1:-1] / 65535, ramps[1:-1, 1:-1], atol=1e-4)
+    np.testing.assert_allclose(whole / 65535, ramps, atol=0.025)
+    assert np.array_equal(image[5:14], whole[5:14])
+    assert np.array_equal(image.channel(2), whole[..., 2])
+
+
+def test_a_raw_file_with_a_mosaic_has_colour(tmp_path, monkeypatch):
+    package = raw_package([])
+    package.imread.raw_pattern = np.array(PATTERNS[0])
+    package.imread.num_colors = 3
+    package.imread.color_desc = b"RGBG"
+    package.imread.black_level_per_channel = [500] * 4
+    package.imread.white_level = 15000
+    package.imread.raw_image_visible = property(lambda self: self.counts)
+    sizes = SimpleNamespace(width=24, height=20, iwidth=24, iheight=20, pixel_aspect=1.0)
+    package.imread.sizes = sizes
+    monkeypatch.setitem(sys.modules, "rawpy", package)
+    paint = np.broadcast_to((0.6, 0.4, 0.2), (20, 24, 3))
+    for k in range(4):
+        light = paint * (1.0 + 0.5 * np.cos(np.arange(24) / 5 + k * np.pi / 2))[None, :, None]
+        raw = mosaic_of(light, np.array(PATTERNS[0]), 500, 15000)
+        (tmp_path / f"{k}.dng").write_bytes(raw.tobytes())
+    stack = fw.files.read_stack(tmp_path, plan_of(4))
+    assert stack.frames[0].dtype == np.float32
+    inner = stack.colour[2:-2, 2:-2] / 65535
+    np.testing.assert_allclose(inner, paint[2:-2, 2:-2], rtol=0.01)
+    green = fw.files.read_stack(tmp_path, plan_of(4), channels="g")
+    assert green.frames[0].dtype == np.uint16
+    np.testing.assert_allclose(green.colour, stack.colour, rtol=1e-4)

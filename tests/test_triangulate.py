@@ -463,3 +463,34 @@ def test_a_misfit_that_is_seen_is_in_sigma(off_px):
     assert np.mean(off < 2.0 * points.sigma_mm[ok]) > 0.9
     if not off_px:
         np.testing.assert_array_equal(points.sigma_mm[ok], right.sigma_mm[ok])
+
+
+def other_lens(name):
+    """A rig without errors of its own whose lens or focus is not that of the capture."""
+    right = replace(lens(True, (180, 300)), covariance=None, residual_px=None)
+    camera, projector = right.camera, right.projector
+    if name == "camera":
+        return right, replace(right, camera=replace(camera, distortion=(0.5, 0.2, 0, 0, 0)))
+    if name == "projector":
+        return right, replace(right, projector=replace(projector, distortion=(0.3, 0, 0, 0, 0)))
+    if name == "focus":
+        longer = replace(camera, focal_px=tuple(1.01 * f for f in camera.focal_px))
+        return right, replace(right, camera=longer)
+    return right, right
+
+
+@pytest.mark.parametrize("name", ["camera", "projector", "focus", "none"])
+def test_a_rig_that_is_off_is_told_and_in_sigma(name):
+    """Its epipolar errors are small enough for points, but far larger than their noise."""
+    right, wrong = other_lens(name)
+    true, decoded = made_up(right, wave(right.camera.shape), sigma=(0.03, 0.03), noise=1.0)
+    points = triangulate(decoded, wrong)
+    ok = points.reason == Reason.OK
+    assert ok.mean() > 0.8
+    told = [f for f in points.findings if f.kind == "epipolar error"]
+    assert len(told) == (name != "none")
+    off = np.linalg.norm(points.xyz_mm - true, axis=-1)[ok]
+    # What is off along the epipolar lines is of the same size, but not the same.
+    assert np.mean(off < 2.0 * points.sigma_mm[ok]) > 0.65
+    if name == "none":
+        assert np.array_equal(points.sigma_mm[ok], points.noise_mm[ok])

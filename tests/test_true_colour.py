@@ -76,6 +76,12 @@ def test_points_have_the_colour_of_the_paint(folder, channels):
     assert np.abs(np.mean(seen / true - 1.0, axis=0)).max() < 0.002
 
 
+def test_a_channel_has_a_letter_and_a_name(folder):
+    by_name, by_letter = (fw.files.read_stack(folder, channels=c) for c in ("blue", "b"))
+    assert np.array_equal(by_name.frames[3], by_letter.frames[3])
+    assert np.array_equal(by_name.frames[3], photographs()[1][3][..., 2])
+
+
 def test_the_geometry_is_that_of_the_luminance(folder):
     stack = fw.files.read_stack(folder)
     with_colour, without = (
@@ -281,5 +287,5 @@ def test_the_best_combination_needs_colour(tmp_path):
     np.save(tmp_path / "f.npy", np.stack(frames))
     with pytest.raises(fw.FileProblem, match="folder of colour images for their best combination"):
         fw.files.read_stack(tmp_path / "f.npy", plan, channels="best")
-    with pytest.raises(fw.InputError, match="as g or rgb, or best, got 'x'"):
+    with pytest.raises(fw.InputError, match="as g or rgb, or red, green or blue, or best, got 'x'"):
         fw.files.read_stack(tmp_path / "f.npy", plan, channels="x")

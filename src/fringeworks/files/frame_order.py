@@ -10,6 +10,7 @@ from filecmp import cmp
 from itertools import pairwise
 from pathlib import Path
 
+from fringeworks.files.exif_times import times_of
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.types import FramesContradictPlan
 
@@ -51,8 +52,9 @@ def in_plan_order(
     Returns
     -------
     paths : images in the order of the plan
-        By the labels in their names where every name carries one; otherwise in the given order.
-    notes : one sentence if labels changed the order
+        By the labels in their names where every name carries one; otherwise in the given order, or
+        by the times in EXIF where names tell none.
+    notes : one sentence if labels, wraps or times changed the order
 
     Raises
     ------
@@ -113,18 +115,39 @@ def _labels_of(paths: Sequence[Path], labels: list[str]) -> list[str] | None:
 
 
 def _as_taken(paths: Sequence[Path]) -> tuple[list[Path], list[str]]:
-    """Images by their running number, from where it wraps from its largest value to 0 or 1 on, and
-    a note that says so."""
+    """Images by their running number, from where it wraps on, by the largest value or by the times
+    in EXIF, and a note that says so."""
     numbered = _running_number(paths)
-    if numbered is None:
-        return list(paths), []
-    numbers, _, _, digits = numbered
-    first = _after_wrap(numbers, digits)
-    if not first:
-        return list(paths), []
+    first = 0 if numbered is None else _after_wrap(numbered[0], numbered[3])
     taken = [*paths[first:], *paths[:first]]
-    return taken, [
+    by_time = _by_time(taken)
+    if by_time != taken:
+        return _timed(taken, by_time, numbered is not None)
+    wrapped = (
         f"the numbers in the names wrap: frames taken from {taken[0].name} to {taken[-1].name}"
+    )
+    return taken, [wrapped] if first else []
+
+
+def _by_time(paths: Sequence[Path]) -> list[Path]:
+    """Images in the order in which they were taken; unchanged where they do not tell it."""
+    times = times_of(paths)
+    if times is None:
+        return list(paths)
+    return [paths[k] for k in sorted(range(len(paths)), key=lambda k: times[k])]
+
+
+def _timed(named: list[Path], by_time: list[Path], numbered: bool) -> tuple[list[Path], list[str]]:
+    """The order of images whose time stamps contradict their names, and a note."""
+    ends = f"{by_time[0].name} to {by_time[-1].name}"
+    first = named.index(by_time[0])
+    if [*named[first:], *named[:first]] == by_time:
+        return by_time, [f"the names wrap, by the times in EXIF: frames taken from {ends}"]
+    if not numbered:
+        return by_time, [f"frames in the order of their times in EXIF, from {ends}"]
+    return named, [
+        "the times in EXIF contradict the numbers in the names, whose order was taken; list the "
+        "frames in capture.toml where it is wrong"
     ]
 
 

@@ -11,7 +11,6 @@ from contextvars import copy_context
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.files.atomic import StrPath, replacing
+from fringeworks.files.bayer_image import BayerImage
 from fringeworks.files.best_channels import BEST, best_weights, combined
 from fringeworks.files.limits import (
     MAX_LENGTH_PX,
@@ -28,9 +28,10 @@ from fringeworks.files.limits import (
     read_content,
 )
 from fringeworks.files.photographs import PHOTOGRAPH_SUFFIXES, RAW_SUFFIXES, read_photograph
+from fringeworks.files.scene_colour import LUMINANCE, SceneColour
 from fringeworks.signal.bands import row_bands
 from fringeworks.types import (
-    BoolMap,
+    CameraNoise,
     FileProblem,
     FloatMap,
     FramesContradictPlan,
@@ -39,8 +40,6 @@ from fringeworks.types import (
     sealed,
 )
 
-LUMINANCE = (0.299, 0.587, 0.114)
-"""Weights of red, green and blue in a grey value (ITU-R BT.601)."""
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".pgm", ".ppm")
 """Images that are read without a further package."""
 TIFF_SUFFIXES = (".tif", ".tiff")
@@ -50,6 +49,8 @@ PNG_LEVEL = 4
 the usual 6, and are 0.5 % larger."""
 CHANNELS = "rgb"
 """Letters of the channels of a colour image, in its order."""
+CHANNEL_NAMES = {"red": "r", "green": "g", "blue": "b"}
+"""Names of single channels, as for light of one colour."""
 MAGIC = {
     b"\x89PNG\r\n\x1a\n": "PNG",
     b"\xff\xd8\xff": "JPEG",
@@ -88,8 +89,8 @@ class _Image(NamedTuple):
     """Whether the channels differ somewhere."""
     lossy: bool
     """Whether the file is lossily compressed."""
-    clipped: BoolMap | None = None
-    """Where a channel of a coloured image is at the limit of its type, (h, w)."""
+    clipped: NDArray[np.uint32] | None = None
+    """Pixels of a coloured image with a channel at the limit of its type, by their number."""
     channel: str = ""
     """The channel of a colour image that ``grey`` is; empty for all."""
 
@@ -120,49 +121,10 @@ class ReadFrames(Frozen):
     saturation: float | None = None
     """Largest count of the files' type, where frames were converted from it to luminance."""
     colour: FloatMap | None = None
-    """Weighted mean of the images in red, green and blue, (h, w, 3), counts; None where no weights
+    """The scene under even light in red, green and blue, (h, w, 3), counts; None where no weights
     were given, or no image is coloured."""
-
-
-class _Colours:
-    """Adds up coloured images while they are read, so that few at a time are in memory.
-
-    They are added in the order of their numbers, whichever is read first: equal files give equal
-    sums to the last bit.
-    """
-
-    def __init__(self, weights: Mapping[int, float]) -> None:
-        self._weights = weights
-        self._left = sorted(weights, reverse=True)
-        self._waiting: dict[int, NDArray[Any]] = {}
-        self._lock = Lock()
-        self._sum: NDArray[np.float32] | None = None
-        self._coloured = False
-
-    def add(self, number: int, array: NDArray[Any], *, coloured: bool) -> None:
-        """Take an image of (h, w, 3) or (h, w, 4), where its number has a weight."""
-        if number not in self._weights or array.ndim != 3 or array.shape[2] < len(CHANNELS):
-            return
-        with self._lock:
-            self._coloured |= coloured
-            self._waiting[number] = array[..., : len(CHANNELS)]
-            while self._left and self._left[-1] in self._waiting:
-                following = self._left.pop()
-                image, weight = self._waiting.pop(following), np.float32(self._weights[following])
-                if self._sum is None:
-                    self._sum = np.zeros(image.shape, np.float32)
-                if self._sum.shape != image.shape:
-                    self._left = [following]  # never complete; the sizes are refused elsewhere
-                    return
-                for band in row_bands(image.shape[:2], len(CHANNELS) * image.itemsize):
-                    self._sum[band.rows] += image[band.rows] * weight
-
-    def mean(self) -> FloatMap | None:
-        """The mean, where all images with a weight have come; None where they are grey."""
-        if self._sum is None or not self._coloured or self._left:
-            return None
-        total = np.float32(sum(self._weights.values()))
-        return np.asarray(np.maximum(self._sum / total, 0.0), np.float32)
+    colour_noise: tuple[CameraNoise, ...] | None = None
+    """Noise of the colour's channels, where it is known."""
 
 
 def read_frame(path: StrPath) -> tuple[NDArray[Any], tuple[str, ...]]:
@@ -190,13 +152,13 @@ def read_frame(path: StrPath) -> tuple[NDArray[Any], tuple[str, ...]]:
 
 def checked_channels(channels: str | None) -> str:
     """Channels as they were given, empty for none; ``InputError`` for other letters."""
-    channels = channels or ""
+    channels = CHANNEL_NAMES.get(channels or "", channels or "")
     if channels == BEST:
         return channels
     if set(channels) - set(CHANNELS) or len(set(channels)) < len(channels):
         raise InputError(
-            "channels: expected some of r, g and b, each once, as g or rgb, or best, got "
-            f"{channels!r}"
+            "channels: expected some of r, g and b, each once, as g or rgb, or red, green or blue, "
+            f"or best, got {channels!r}"
         )
     return channels
 
@@ -223,7 +185,7 @@ def read_frames(
         Channels of colour images that are a frame each, as "g" or "rgb"; "best" for the combination
         of all with the least noise; empty for luminance.
     weights : mapping, optional
-        Weights of the images, by their numbers, whose mean is the colour of the scene.
+        Weights of the images, by their numbers, whose mean is the scene under even light.
 
     Returns
     -------
@@ -234,7 +196,8 @@ def read_frames(
     FramesContradictPlan where a frame of a stack has another depth than the first, naming both
     files; FileProblem as ``read_frame``.
     """
-    colours = _Colours(weights or {})
+    # Luminance is among the frames unless channels are named.
+    colours = SceneColour(weights or {}, len(paths), own_light=bool(channels))
     if channels == BEST:
         images = _read_all(paths, "".join(CHANNELS), colours)
         return _least_noise(images, colours)
@@ -255,11 +218,16 @@ def read_frames(
         1.0 if whole else None,
         any(image.lossy for image in images),
         float(np.iinfo(images[0].kind).max) if stack and converted and whole else None,
-        colours.mean(),
+        **_seen_colour(colours, () if channels else [image.grey for image in images]),
     )
 
 
-def _least_noise(images: Sequence[_Image], colours: _Colours) -> ReadFrames:
+def _seen_colour(colours: SceneColour, light: Sequence[NDArray[Any]]) -> dict[str, Any]:
+    noise, colour = colours.noise(), colours.colour(light)
+    return {"colour_noise": noise, "colour": None if colour is None else sealed(colour)}
+
+
+def _least_noise(images: Sequence[_Image], colours: SceneColour) -> ReadFrames:
     """Frames of colour images, by the combination of their channels with the least noise."""
     count = len(CHANNELS)
     several = [images[k : k + count] for k in range(0, len(images), count)]
@@ -280,7 +248,7 @@ def _least_noise(images: Sequence[_Image], colours: _Colours) -> ReadFrames:
         1.0 if whole else None,
         any(image.lossy for image in images),
         float(np.iinfo(kind).max) if whole else None,
-        colours.mean(),
+        **_seen_colour(colours, ()),
     )
 
 
@@ -288,11 +256,11 @@ def _as_luminance(image: _Image, *, mark_clipped: bool) -> _Image:
     """An image of a set in which at least one is coloured."""
     grey = image.grey.astype(np.float32, copy=False)
     if mark_clipped and image.clipped is not None:
-        grey = np.where(image.clipped, np.float32(np.iinfo(image.kind).max), grey)
+        grey.reshape(-1)[image.clipped] = np.float32(np.iinfo(image.kind).max)
     return image._replace(grey=grey, coloured=True)
 
 
-def _read_all(paths: Sequence[Path], channels: str, colours: _Colours) -> list[_Image]:
+def _read_all(paths: Sequence[Path], channels: str, colours: SceneColour) -> list[_Image]:
     """Read images on all processors: decoding leaves the interpreter to others for a part of its
     time."""
     # Limits on files belong to the context of the caller.
@@ -308,32 +276,20 @@ def _read_all(paths: Sequence[Path], channels: str, colours: _Colours) -> list[_
 
 
 def _read(
-    path: Path, channels: str, number: int = 0, colours: _Colours | None = None
+    path: Path, channels: str, number: int = 0, colours: SceneColour | None = None
 ) -> list[_Image]:
     """The frames of an image file: one for each of the channels, or its grey one."""
     path = existing_file(path, "an image file")
     if path.stat().st_size == 0:
         raise FileProblem(f"{path}: expected an image, got an empty file")
-    suffix = _suffix_by_content(path)
-    if suffix in TIFF_SUFFIXES:
-        from fringeworks.files.tiff import read_tiff  # 15 ms, for those only who read TIFF
-
-        array, lossy = read_tiff(path)
-    elif suffix in IMAGE_SUFFIXES:
-        array, lossy = _read_image(path)
-    elif suffix in PHOTOGRAPH_SUFFIXES:
-        content = read_content(path, "a photograph")
-        with parsing(path, "a readable photograph"):
-            array, lossy = read_photograph(content, suffix)
-    else:
-        known = ", ".join(IMAGE_SUFFIXES + TIFF_SUFFIXES + PHOTOGRAPH_SUFFIXES)
-        raise FileProblem(f"{path}: expected an image ({known}), got {suffix or 'no suffix'}")
-    if array.dtype == bool:
+    array, lossy = _counts_of(path)
+    if isinstance(array, np.ndarray) and array.dtype == bool:
         array = array.astype(np.uint8) * np.uint8(255)
     with parsing(path, "an image"):
         if array.dtype.kind not in "uif":
             raise FileProblem(f"expected counts, got {array.dtype}")
-        array = _as_counts(array.astype(array.dtype.newbyteorder("="), copy=False))
+        if isinstance(array, np.ndarray):
+            array = _as_counts(array.astype(array.dtype.newbyteorder("="), copy=False))
         if not channels:
             grey = _to_grey(path, array, lossy)
             if colours is not None:
@@ -345,11 +301,35 @@ def _read(
             )
         if colours is not None:
             colours.add(number, array, coloured=True)
-        parts = [np.ascontiguousarray(array[..., CHANNELS.index(letter)]) for letter in channels]
+        parts = [_channel(array, CHANNELS.index(letter)) for letter in channels]
         return [
             _Image(path, part, array.dtype, array.shape[2], False, lossy, channel=letter)
             for part, letter in zip(parts, channels, strict=True)
         ]
+
+
+def _counts_of(path: Path) -> tuple[NDArray[Any] | BayerImage, bool]:
+    """What an image file holds, and whether it is lossily compressed."""
+    suffix = _suffix_by_content(path)
+    if suffix in TIFF_SUFFIXES:
+        from fringeworks.files.tiff import read_tiff  # 15 ms, for those only who read TIFF
+
+        return read_tiff(path)
+    if suffix in IMAGE_SUFFIXES:
+        return _read_image(path)
+    if suffix in PHOTOGRAPH_SUFFIXES:
+        content = read_content(path, "a photograph")
+        with parsing(path, "a readable photograph"):
+            return read_photograph(content, suffix)
+    known = ", ".join(IMAGE_SUFFIXES + TIFF_SUFFIXES + PHOTOGRAPH_SUFFIXES)
+    raise FileProblem(f"{path}: expected an image ({known}), got {suffix or 'no suffix'}")
+
+
+def _channel(array: NDArray[Any] | BayerImage, number: int) -> NDArray[Any]:
+    """One channel of a colour image."""
+    if isinstance(array, BayerImage):
+        return array.channel(number)
+    return np.ascontiguousarray(array[..., number])
 
 
 def _suffix_by_content(path: Path) -> str:
@@ -475,10 +455,32 @@ def _check_size(width: int, height: int) -> None:
         raise FileProblem(f"expected at most {MAX_LENGTH_PX} px along a side, got more")
 
 
-def _to_grey(path: Path, array: NDArray[Any], lossy: bool) -> _Image:
+def _to_grey(path: Path, array: NDArray[Any] | BayerImage, lossy: bool) -> _Image:
     kind = array.dtype
-    if array.ndim == 2:
-        return _Image(path, array, kind, 1, False, lossy)
+    if isinstance(array, np.ndarray):
+        if array.ndim == 2:
+            return _Image(path, array, kind, 1, False, lossy)
+        array = _opaque(path, array)
+    channels = array.shape[2]
+    # In bands: photographs of 24 MP would need several times their memory at once.
+    bands = [band.rows for band in row_bands(array.shape[:2], channels * np.dtype(float).itemsize)]
+    if all((part[..., :1] == part[..., 1:]).all() for part in (array[b] for b in bands)):
+        return _Image(path, _channel(array, 0), kind, channels, False, lossy)
+    grey = np.empty(array.shape[:2], np.float32)
+    limit = np.iinfo(kind).max if kind.kind in "ui" else None
+    full: list[NDArray[np.uint32]] = []
+    for b in bands:
+        part = array[b]
+        grey[b] = part.astype(np.float64) @ np.array(LUMINANCE)
+        if limit is not None:
+            at_limit = np.flatnonzero((part == limit).any(axis=2)) + b.start * part.shape[1]
+            full.append(at_limit.astype(np.uint32))
+    clipped = np.concatenate(full) if full else np.zeros(0, np.uint32)
+    return _Image(path, grey, kind, channels, True, lossy, clipped if clipped.size else None)
+
+
+def _opaque(path: Path, array: Any) -> NDArray[Any]:
+    """The counts of an image without its transparency, which it must not have."""
     if array.ndim != 3 or array.shape[2] not in (2, 3, 4):
         raise FileProblem(f"{path}: expected one grey or colour image, got shape {array.shape}")
     if array.shape[2] in (2, 4):
@@ -486,19 +488,7 @@ def _to_grey(path: Path, array: NDArray[Any], lossy: bool) -> _Image:
         if np.ptp(alpha):
             raise FileProblem(f"{path}: expected an opaque image, got one with transparency")
         array = array[..., :-1]
-    channels = array.shape[2]
-    # In bands: photographs of 24 MP would need several times their memory at once.
-    bands = [band.rows for band in row_bands(array.shape[:2], channels * np.dtype(float).itemsize)]
-    if all((array[b, :, :1] == array[b, :, 1:]).all() for b in bands):
-        return _Image(path, np.ascontiguousarray(array[..., 0]), kind, channels, False, lossy)
-    grey = np.empty(array.shape[:2], np.float32)
-    limit = np.iinfo(kind).max if kind.kind in "ui" else None
-    clipped = np.zeros(array.shape[:2], bool)
-    for b in bands:
-        grey[b] = array[b].astype(np.float64) @ np.array(LUMINANCE)
-        if limit is not None:
-            clipped[b] = (array[b] == limit).any(axis=2)
-    return _Image(path, grey, kind, channels, True, lossy, clipped if clipped.any() else None)
+    return np.asarray(array)
 
 
 def holds_counts(frame: NDArray[Any]) -> bool:

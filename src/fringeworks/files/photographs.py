@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.files.bayer_image import BayerImage, bayer_image
 from fringeworks.files.limits import check_frame_size
 from fringeworks.types import MissingPackage
 
@@ -22,7 +23,7 @@ RAW_BITS = 16
 """Bits of the counts that a raw file becomes."""
 
 
-def read_photograph(content: bytes, suffix: str) -> tuple[NDArray[Any], bool]:
+def read_photograph(content: bytes, suffix: str) -> tuple[NDArray[Any] | BayerImage, bool]:
     """Read a raw file or HEIF.
 
     Parameters
@@ -34,7 +35,7 @@ def read_photograph(content: bytes, suffix: str) -> tuple[NDArray[Any], bool]:
 
     Returns
     -------
-    counts : (h, w, 3) array
+    counts : (h, w, 3) array, or BayerImage
         Of a raw file: uint16, proportional to the light; the channels as the sensor has them,
         without white balance, and interpolated linearly between its pixels. Of HEIF: uint8.
     lossy : bool
@@ -49,6 +50,9 @@ def read_photograph(content: bytes, suffix: str) -> tuple[NDArray[Any], bool]:
         rawpy = _package("rawpy", f"raw photographs ({suffix})")
         with rawpy.imread(BytesIO(content)) as raw:
             check_frame_size(raw.sizes.width, raw.sizes.height)
+            mosaic = bayer_image(raw)
+            if mosaic is not None:
+                return mosaic, False
             counts = raw.postprocess(
                 demosaic_algorithm=rawpy.DemosaicAlgorithm.LINEAR,
                 output_color=rawpy.ColorSpace.raw,

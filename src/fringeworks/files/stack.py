@@ -74,8 +74,8 @@ def read_stack(
     plan : path or PatternPlan, optional
         For folders and files that have no plan beside them.
     channels : str, optional
-        Channels of colour images that are a frame each: "g" for green alone, "rgb" where every
-        image holds three frames of the plan; "best" for the combination of all three with the
+        Channels of colour images that are a frame each: "g" or "green" for green alone, "rgb" where
+        every image holds three frames of the plan; "best" for the combination of all three with the
         least noise. By default those that ``capture.toml`` says.
 
     Returns
@@ -258,8 +258,6 @@ def _read_colours(
 
 
 def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str | None) -> Stack:
-    description = folder / CAPTURE_FILE
-    described = is_file(description)
     content = _described(folder)
     listed = content.frames if content.frames is not None else video_in(folder)
     if plan is None:
@@ -268,7 +266,7 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
             raise missing_description(folder, told(content.plan), captures_in(folder))
     layout, saturation = _plan_of(plan), content.saturation
     channels = checked_channels(channels or content.channels)
-    tomls = [description] if described else []
+    tomls = [folder / CAPTURE_FILE] if is_file(folder / CAPTURE_FILE) else []
     tomls += [] if isinstance(plan, PatternPlan) else [Path(plan)]
     if layout.colours:
         return _colour_capture(folder, layout, content, channels, tomls)
@@ -297,6 +295,7 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
         _region_of(content, read.frames),
         read.colour,
         content.white_balance,
+        colour_noise=read.colour_noise,
     )
 
 

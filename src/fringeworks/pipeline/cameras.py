@@ -15,7 +15,8 @@ from fringeworks.patterns.plan import PatternPlan
 from fringeworks.pipeline.boards import ObservedPoses, observe_poses
 from fringeworks.pipeline.decoding import decoded_exposures, given_options
 from fringeworks.pipeline.inputs import inputs_of, stacks_of
-from fringeworks.pipeline.stacks import check_projector, scene_brightness
+from fringeworks.pipeline.scene_colour import scene_brightness
+from fringeworks.pipeline.stacks import check_projector
 from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.calibration.cameras import MultiCalibration, calibrate_cameras
 from fringeworks.rig.camera_findings import camera_findings, uncertainty_findings

@@ -16,6 +16,7 @@ from fringeworks.patterns.encode import refuse_colours
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, repeats
 from fringeworks.pipeline.decoding import decoded_exposures, given_options, of_files
 from fringeworks.pipeline.inputs import inputs_of, stack_of, stacks_of
+from fringeworks.pipeline.scene_colour import colour_findings, scene_brightness
 from fringeworks.rig.depth_range import DepthRange, depth_range_of
 from fringeworks.rig.point_findings import point_findings
 from fringeworks.rig.sensor_region import rig_for_region
@@ -24,8 +25,6 @@ from fringeworks.signal.response import Response, check_devices
 from fringeworks.signal.response import measure_response as response_of_frames
 from fringeworks.signal.smooth_coordinate import smooth_coordinate
 from fringeworks.stack.decode import decode
-from fringeworks.stack.even_light import texture
-from fringeworks.stack.exposure_colours import colour_of_exposures
 from fringeworks.stack.frames import Stack
 from fringeworks.stack.grey_card import check_gains
 from fringeworks.stack.light_separation import LightSeparation, separate_light
@@ -46,7 +45,6 @@ from fringeworks.types import (
     RigMismatch,
     found_before,
     made_by,
-    sealed,
 )
 
 
@@ -131,8 +129,8 @@ def measure(
         rig=rig.rig,
     )
     found = replace(found, provenance=origin)
-    told = (*points.findings, *point_findings(points, rig.rig, plan.height_px))
-    points = replace(points, provenance=origin, findings=told)
+    more = (*point_findings(points, rig.rig, plan.height_px), *colour_findings(stacks, points))
+    points = replace(points, provenance=origin, findings=(*points.findings, *more))
     return Measurement(points, found, seconds)
 
 
@@ -176,24 +174,6 @@ def removed_blur(found: Decoded, axis: Axis | None) -> float:
     used = [a for a in found.maps if axis is None or a == axis]
     removed = [float(found.details.get(a, {}).get("removed_blur_px", 0.0)) for a in used]
     return float(np.sqrt(np.mean(np.square(removed))))
-
-
-def scene_brightness(stacks: Sequence[Stack], found: Decoded) -> FloatMap | None:
-    """Brightness (h, w) or colour (h, w, 3) of the scene, counts; None where the plan does not show
-    it."""
-    seen, gains = stacks[0].colour, stacks[0].white_balance
-    if len(stacks) > 1:
-        seen = colour_of_exposures(stacks)
-        if seen is None:
-            return next(iter(found.maps.values())).background
-    if seen is not None:
-        if gains is None:
-            return sealed(seen)
-        return sealed(np.asarray(seen * np.array(check_gains(gains), seen.dtype)))
-    try:
-        return sealed(texture(stacks[0].frames, stacks[0].plan))
-    except InputError:
-        return None  # the plan shows the scene under fringes only
 
 
 def measure_response(

@@ -19,9 +19,60 @@ MIN_SAMPLES = 20
 COVERED = 0.95
 """Share of the sampled pixels whose standard deviation from the covariance is below the one that
 is used: a rim where lens distortion is extrapolated does not decide for the whole frame."""
+UNEXPLAINED = 3.0
+"""Median epipolar error over the standard deviation that noise and rig explain, from which on the
+rig is taken to be off. Noise makes 0.7 of it. A rig whose one error is its calibration's may have
+any share of it everywhere, but exceeds three in 0.3 % of the calibrations."""
+SEEN_MISFIT_PX = 1.0
+"""Median epipolar error from which on all of it counts, projector px: the residuals that a rig
+states let such rays meet, but they are no part of σ."""
 MAX_UNKNOWN_PX = 1.0
 """Largest standard deviation that is taken from a capture, where the rig states none, px. Rigs that
 measure have reprojection errors below 1 px; a larger epipolar error is a rig that does not fit."""
+
+
+def unstated_error(
+    misfit_px: float,
+    rms_px: float,
+    rig: Rig,
+    maps: dict[Axis, CoordinateMap],
+    stated_px: float,
+) -> float:
+    """Return the epipolar error of a capture that neither its noise nor its rig explains, px.
+
+    Parameters
+    ----------
+    misfit_px, rms_px : float
+        Median and root mean square of the magnitudes of the epipolar errors, px. The median tells
+        whether the rig is off; where it is, as by a wrong lens distortion, errors are far larger
+        at some places than at others.
+    rig : Rig
+    maps : dict of CoordinateMap
+        Coordinates along both axes.
+    stated_px : float
+        Standard deviation of the epipolar error that the rig is known to cause, px.
+
+    Returns
+    -------
+    float, standard deviation in px; 0 where noise and rig explain the errors. Large errors count
+    whatever the rig states.
+    """
+    if misfit_px > SEEN_MISFIT_PX:
+        return rms_px
+    step = max(1, round(np.sqrt(rig.camera.width_px * rig.camera.height_px / SAMPLES)))
+    thinned = [m.sigma_px[::step, ::step] for m in maps.values()]
+    known = [part[np.isfinite(part)] for part in thinned]
+    noise = max((float(np.median(part)) for part in known if part.size), default=np.inf)
+    explained = float(np.hypot(stated_px, noise))
+    if not misfit_px > UNEXPLAINED * explained:
+        return 0.0
+    return float(np.sqrt(rms_px**2 - explained**2))
+
+
+def states_errors(rig: Rig) -> bool:
+    """Whether a rig states errors of its own."""
+    covariance = rig.covariance is not None and bool(rig.covariance.any())
+    return covariance or rig.residual_px is not None
 
 
 def calibration_share(rig: Rig, maps: dict[Axis, CoordinateMap]) -> float:

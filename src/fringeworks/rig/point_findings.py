@@ -15,6 +15,11 @@ apart, and in metres a baseline is below 2."""
 LARGE_EPIPOLAR_PX = 1.0
 """Median epipolar error of the points from which on it is reported, projector px. Calibrations by
 other programs leave 0.3 to 0.9 px. Empirical."""
+TOLD_PX = 0.1
+"""Epipolar error that neither noise nor the rig explain from which on it is reported, projector px;
+ripple and blur of a rig's own captures leave less. Empirical."""
+EPIPOLAR = "epipolar error"
+"""Kind of the finding about epipolar errors."""
 WORDS: dict[Reason, tuple[str, tuple[str, ...], str]] = {
     Reason.RAYS_APART: (
         "the rays of camera and projector pass each other (rays apart)",
@@ -105,22 +110,41 @@ def _epipolar(points: PointCloud) -> tuple[Finding, ...]:
     A rig of another program does not state its uncertainty, so the test takes the scatter of the
     capture, which an error that is alike everywhere does not raise.
     """
-    if points.residual_px is None:
+    said = any(finding.kind == EPIPOLAR for finding in points.findings)
+    if points.residual_px is None or said:
         return ()
     error = points.residual_px[np.isfinite(points.residual_px)]
     usual = float(np.median(np.abs(error))) if error.size else 0.0
-    if usual <= LARGE_EPIPOLAR_PX:
+    return (_epipolar_error(usual, ""),) if usual > LARGE_EPIPOLAR_PX else ()
+
+
+def misfit_findings(misfit_px: float, unstated_px: float) -> tuple[Finding, ...]:
+    """A finding where noise and rig do not explain the epipolar errors of points.
+
+    Parameters
+    ----------
+    misfit_px : float
+        Median of their magnitudes, px.
+    unstated_px : float
+        What is not explained, px, of which σ holds the effect.
+    """
+    if unstated_px < TOLD_PX:
         return ()
-    return (
-        Finding(
-            "epipolar error",
-            f"the epipolar error of the points is {usual:.2g} px (median): columns and rows of the "
-            "projector disagree by that much",
-            (
-                "a device was moved or refocused since the calibration or during the capture",
-                "the rig is for another set-up",
-            ),
-            "measure a known plane, or calibrate again",
-            figures={"median_px": usual},
+    more = (
+        f"; noise and the rig explain no more than a half of it, and σ holds {unstated_px:.2g} px"
+    )
+    return (_epipolar_error(misfit_px, more),)
+
+
+def _epipolar_error(usual_px: float, more: str) -> Finding:
+    return Finding(
+        EPIPOLAR,
+        f"the epipolar error of the points is {usual_px:.2g} px (median): columns and rows of the "
+        f"projector disagree by that much{more}",
+        (
+            "a device was moved or refocused since the calibration or during the capture",
+            "the rig is for another set-up, or its lens distortion is wrong",
         ),
+        "measure a known plane, or calibrate again",
+        figures={"median_px": usual_px},
     )

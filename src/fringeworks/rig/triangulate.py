@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.rig.epipolar import calibration_share
+from fringeworks.rig.epipolar import calibration_share, states_errors, unstated_error
+from fringeworks.rig.point_findings import misfit_findings
 from fringeworks.rig.ray_depth import axis_length, calibration_spread, main_axis
-from fringeworks.statistics.quantiles import NORMAL_MEDIAN
 from fringeworks.types import (
     Axis,
     ByteMap,
@@ -58,9 +58,6 @@ Empirical."""
 MISFIT_PX = 2.0
 """Median epipolar error that is large, projector px. Calibrations by other programs leave 0.3 to
 0.9 px; mirrored frames and those of another sensor make 5 to 20 px."""
-SEEN_MISFIT_PX = 1.0
-"""Median epipolar error from which on it is part of σ, projector px: smaller ones are within what
-rigs state, or what the capture shows of them."""
 
 
 def input_arrays(found: CoordinateMap | None) -> _core._AxisMaps | None:
@@ -147,9 +144,10 @@ class Triangulator:
         shape = rig.camera.shape
         if colour is not None and np.shape(colour)[:2] != shape:
             raise InputError(f"colour: expected shape {shape}, got {np.shape(colour)}")
-        both = len(maps) == 2
+        both, stated_px = len(maps) == 2, epipolar_px
         if epipolar_px is None:
             epipolar_px = calibration_share(rig, maps) if both else 0.0
+            stated_px = epipolar_px if states_errors(rig) else 0.0
         results = empty_arrays(shape, both) if out is None else reused_arrays(out, shape, both)
         self._kernel(None if both else next(iter(maps))).triangulate(
             input_arrays(maps.get("x")),
@@ -157,10 +155,12 @@ class Triangulator:
             results,
             limits={"residual_sigmas": residual_sigmas, "residual_px": epipolar_px},
         )
-        misfit_px = _refuse_nothing(results)
-        if both and misfit_px > SEEN_MISFIT_PX:
-            _add_misfit(results, maps[main_axis(rig)].sigma_px, misfit_px)
-        return _cloud(results, colour, decoded.findings)
+        misfit_px, rms_px = _refuse_nothing(results)
+        more = unstated_error(misfit_px, rms_px, rig, maps, stated_px or 0.0) if both else 0.0
+        if more:
+            _add_misfit(results, maps[main_axis(rig)].sigma_px, more)
+        found = misfit_findings(misfit_px, more)
+        return _cloud(results, colour, (*decoded.findings, *found))
 
     def _kernel(self, axis: Axis | None) -> _core.Triangulation:
         """The kernel for one axis, or for both (None)."""
@@ -365,20 +365,21 @@ def _cloud(
 
 
 def _add_misfit(results: dict[str, Any], sigma_px: FloatMap, misfit_px: float) -> None:
-    """Add the epipolar error that was seen to σ, in place: what a rig is off across the epipolar
-    lines, it is likely off along them, where nothing shows it."""
+    """Add an epipolar error, as a standard deviation, to σ, in place: what a rig is off across the
+    epipolar lines, it is likely off along them, where nothing shows it."""
     sigma = results["sigma"]
     with np.errstate(invalid="ignore", divide="ignore"):
         mm_per_px = results["noise"] / sigma_px
-        np.sqrt(sigma**2 + (np.float32(misfit_px / NORMAL_MEDIAN) * mm_per_px) ** 2, out=sigma)
+        np.sqrt(sigma**2 + (np.float32(misfit_px) * mm_per_px) ** 2, out=sigma)
 
 
-def _refuse_nothing(results: dict[str, Any]) -> float:
+def _refuse_nothing(results: dict[str, Any]) -> tuple[float, float]:
     """Refuse a rig whose rays hardly ever meet: it does not belong to the capture.
 
     Returns
     -------
-    Median epipolar error of the others, projector px; 0 with a single axis.
+    Median and root mean square of the epipolar errors of the others, projector px; 0 with a single
+    axis.
     """
     all_reasons: ByteMap = results["reason"]
     rows = slice(None, None, max(1, all_reasons.shape[0] // CHECKED_ROWS))
@@ -397,7 +398,7 @@ def _refuse_nothing(results: dict[str, Any]) -> float:
             "pixels: it does not belong to this capture, or a device was moved since"
         )
     if results["residual"] is None or not decoded:
-        return 0.0
+        return 0.0, 0.0
     error = np.abs(results["residual"][rows])
     error = error[np.isfinite(error)]
     usual = float(np.median(error)) if error.size else 0.0
@@ -408,4 +409,4 @@ def _refuse_nothing(results: dict[str, Any]) -> float:
             f"{usual:.2g} px (median): it does not belong to this capture, the frames are mirrored "
             "or of another sensor, or a device was moved since"
         )
-    return usual
+    return usual, float(np.sqrt(np.mean(error**2))) if error.size else 0.0

@@ -90,6 +90,8 @@ class Stack(Plotted, Frozen):
 
     noise: CameraNoise | None = None
     """Noise of the frames, where it is known, as of those that ``unmix`` makes."""
+    colour_noise: tuple[CameraNoise, ...] | None = None
+    """Noise of the red, green and blue of ``colour``, where it is known."""
 
     def __post_init__(self) -> None:
         frames = self.frames

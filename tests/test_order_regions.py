@@ -8,8 +8,16 @@ import numpy as np
 import pytest
 
 from fringeworks import Pair, reconstruct
+from fringeworks.pair import shadow_orders
 from fringeworks.pair.analyse import analyse
-from fringeworks.pair.order_regions import LEAST, Links, _Graph, continuity, likely_orders
+from fringeworks.pair.order_regions import (
+    LEAST,
+    Links,
+    Orders,
+    _Graph,
+    continuity,
+    likely_orders,
+)
 from fringeworks.pair.prepared import prepare
 from tests.cliff_scenes import PERIOD, SHAPE, X, Y, boxed, photographed
 
@@ -107,3 +115,31 @@ def test_an_order_that_only_a_shadow_tells_is_named():
     found = {f.kind: f for f in reconstruct(pair, "fourier").warnings}["shadows"]
     assert found.figures["open_lines"] > 30
     assert "may be off by whole periods" in found.seen
+
+
+def creased(*, lines):
+    """Surfaces in a net of creases, of which so many lines leave one undecided: what is refused.
+
+    Shadows that fit join the others in rows.
+    """
+    at = np.arange(120)
+    crease = (at % 20) < 4
+    on = ~(crease[:, None] | crease[None, :])
+    undecided = np.zeros(on.shape, bool)
+    undecided[44:60, 44:60] = True
+    fitting = [(row, at, row, at + 20, 0) for row in range(10, 111, 20) for at in (10, 50, 90)]
+    doubtful = [(row, 30, row, 50, 1) for row in range(44, 44 + lines)]
+    known = links(*doubtful, *fitting)
+    orders = Orders(np.zeros(on.shape, np.int16), undecided)
+    told = shadow_orders._told(orders, known)
+    return shadow_orders._undecided(told, on, known, known.whole != 0, links(), 8.0)
+
+
+def test_a_few_lines_take_no_surface_in_a_net_of_creases():
+    assert not creased(lines=2).any()
+
+
+def test_the_doubt_about_a_surface_ends_within_reach_of_it():
+    refused = creased(lines=16)
+    assert refused[44:60, 44:60].all()
+    assert not refused[70:].any()

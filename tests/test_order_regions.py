@@ -20,6 +20,7 @@ from fringeworks.pair.order_regions import (
 )
 from fringeworks.pair.prepared import prepare
 from tests.cliff_scenes import PERIOD, SHAPE, X, Y, boxed, photographed
+from tests.two_frames import Bench, box
 
 BLOCK_PX = 2
 ONE_BLOCK = 6.0 * BLOCK_PX
@@ -143,3 +144,17 @@ def test_the_doubt_about_a_surface_ends_within_reach_of_it():
     refused = creased(lines=16)
     assert refused[44:60, 44:60].all()
     assert not refused[70:].any()
+
+
+@pytest.mark.parametrize("method", ["fourier", "windowed"])
+def test_a_surface_in_perspective_moves_by_the_periods_of_its_place(method):
+    """A box of 1.4 periods of a ray-caster, where the period differs by 2 % from the mean one."""
+    bench = Bench(shape=(160, 220), period=12.0)
+    reference, object_, u, lit = bench.pair(box(30.0, 45.0))
+    result = reconstruct(Pair(reference, object_, axis="x"), method)
+    found = result.displacement
+    on = (np.abs(u) > 0.6 * found.period_px) & lit & np.isfinite(found.displacement_px)
+    z = np.abs(found.displacement_px - u)[on] / found.sigma_px[on]
+    assert on.sum() > 1000
+    assert np.mean(z < 2.0) > 0.95
+    assert next(f for f in result.warnings if f.kind == "shadows").figures["moved_share"] > 0.04

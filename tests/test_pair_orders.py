@@ -60,8 +60,9 @@ def test_a_surface_torn_off_by_whole_periods_is_moved_back(whole):
     moved = found.displacement_px + torn * whole * found.period_px
     again, count = without_tears(prepared, replace(found, displacement_px=moved))
     assert count == pytest.approx(torn.sum(), rel=0.02)
+    # The period of the place is that of the reference, which noise changes by 1e-3.
     left = np.abs(again.displacement_px - found.displacement_px)
-    assert np.mean(left > 1e-3) < 0.002
+    assert np.mean(left > 1e-3 * PERIOD * abs(whole)) < 0.002
 
 
 def test_steps_of_other_heights_are_no_tears():

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 import fringeworks as fw
-from fringeworks.pair.reference_phase import reference_phase, with_local_period
+from fringeworks.pair.reference_phase import (
+    UNKNOWN_PERIOD,
+    moved_by_periods,
+    reference_phase,
+    with_local_period,
+)
 from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.simulate.bodies import Body, Plane
 from fringeworks.simulate.optics import Optics
@@ -70,10 +75,38 @@ def test_fringes_of_one_period_stay_as_they_are(settings):
     assert with_local_period(pair, u) is u
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_whole_periods_are_those_of_the_place(seed):
+    """In the frame, the period changes from 10.9 to 13.3 px."""
+    size, u = 240, 6.0
+    prepared = fw.pair.prepare(chirped(size, u, noise=1.0, seed=seed))
+    x = np.arange(size, dtype=np.float64)
+
+    def phase(at):
+        return at / 12.0 + 3.0 * (2 * at / size - 1) ** 2 / (2 * np.pi)
+
+    whole = np.zeros((size, size), np.int16)
+    whole[60:180, 70:170] = 2
+    change, sigma = moved_by_periods(prepared, np.full(whole.shape, u), whole)
+    right = np.array([np.interp(phase(a) - 2.0, phase(x - 40.0), x - 40.0) for a in x - u])
+    error = (x - u - right)[None, :] - change
+    assert np.abs(error[whole != 0]).max() < 0.02
+    assert np.abs((x - u - right)[70:170] - 2 * prepared.period).max() > 0.5
+    assert not change[whole == 0].any()
+    assert not sigma[whole == 0].any()
+    assert np.sqrt(np.mean(error[whole != 0] ** 2)) < 2.0 * np.median(sigma[whole != 0])
+
+
 def test_a_reference_without_a_smooth_phase_is_not_fitted():
     y, x = np.mgrid[:240, :240].astype(np.float64)
     rough = 120 + 90 * np.cos(2 * np.pi * x / 12 + 1.5 * np.sin(y / 9) * np.sin(x / 11))
     assert reference_phase(fw.pair.prepare(fw.Pair(rough, rough.copy(), axis="x"))) is None
+    small = 120 + 90 * np.cos(2 * np.pi * x[:70, :90] / 12)
+    prepared = fw.pair.prepare(fw.Pair(small, small.copy(), axis="x"))
+    whole = np.eye(70, 90, dtype=np.int16)
+    change, sigma = moved_by_periods(prepared, np.zeros(whole.shape), whole)
+    assert np.allclose(change, whole * prepared.period)
+    assert np.allclose(sigma, whole * UNKNOWN_PERIOD * prepared.period)
 
 
 @pytest.fixture(scope="module")

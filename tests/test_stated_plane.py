@@ -118,6 +118,7 @@ def test_points_are_covered_by_their_sigma(wrong, known):
             assert told.figures["offset_mm"] == pytest.approx(-1.0, abs=0.03)
     elif known == "nothing":
         assert "do not tell the distance" in finding(found, "plane distance").seen
+        assert "a plane that is off by more is not noticed" in finding(found, "plane distance").seen
         shared_part = np.sqrt(found.sigma_mm**2 - found.noise_mm**2)
         assert np.nanmedian(shared_part) == pytest.approx(1.1, abs=0.1)
 

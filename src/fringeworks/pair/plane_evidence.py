@@ -14,6 +14,7 @@ import numpy as np
 
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.reference_phase import (
+    LEAST_MISFIT,
     NODES_PER_PERIOD,
     REJECTED_MADS,
     WIDTH_PERIODS,
@@ -48,9 +49,6 @@ CLEAR = 4.5
 ORDER_SIGMAS = 3.0
 """Standard deviations of the stated plane within which a known start of the pattern must leave one
 order of the fringes."""
-LEAST_MISFIT = 3e-4
-"""Least misfit of the nodes, periods: on 14 planes of a ray-caster, the phase of drawn fringes
-deviates from that of photographed ones by 2e-4, smoothly over the frame."""
 TINY_PERIODS = 1e-6
 """Least scatter of the nodes, periods: frames without noise keep finite weights."""
 

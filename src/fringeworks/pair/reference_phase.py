@@ -34,8 +34,16 @@ SIGNIFICANT = 0.003
 corrected: below, the error is 0.3 % of a displacement."""
 MAX_RESIDUAL_RAD = 0.3
 """Largest root mean square of the residuals: beyond, the reference is no smooth surface."""
+LEAST_MISFIT = 3e-4
+"""Least misfit of the nodes, periods: on 14 planes of a ray-caster, the phase of drawn fringes
+deviates from that of photographed ones by 2e-4, smoothly over the frame."""
+NORMAL_MAD = 0.6745
+"""Median absolute deviation of a normal distribution, standard deviations."""
 REJECTED_MADS = 5.0
 """Residuals beyond this many median absolute deviations are left out of the second fit."""
+UNKNOWN_PERIOD = 0.05
+"""Standard deviation of the local period where the reference is no smooth surface, as a share of
+the mean one: half of the 10 % by which strong perspective changes it."""
 STEPS = 4
 """Steps of the fixed point. Each is closer by the share of the local frequency's change, 10 % for
 strong perspective: four leave 1e-4 of the correction."""
@@ -233,3 +241,49 @@ def _fixed_point(
         place = np.clip(columns - np.where(np.isfinite(u), u, 0.0), 0.0, w - 1.0)
         u = displacement_px + (known.at(place, rows) - here) * per_rad
     return u
+
+
+def moved_by_periods(
+    prepared: PreparedPair, displacement_px: FloatMap, whole: NDArray[np.integer]
+) -> tuple[FloatMap, FloatMap]:
+    """Move places by whole periods of the reference there.
+
+    Parameters
+    ----------
+    prepared : PreparedPair
+    displacement_px : (h, w) array
+        In the orientation of the prepared pair, px; NaN where unknown.
+    whole : (h, w) int array
+        Periods to add.
+
+    Returns
+    -------
+    change_px, sigma_px : (h, w) arrays
+        What to add to the displacement, and the standard deviation of that; 0 where nothing is
+        moved.
+
+    Notes
+    -----
+    The period of a reference in perspective differs by percents from the mean one, which is many σ
+    of a displacement. The place a = x − u moves to a' with 2π f a' + P(a') = 2π f a + P(a) − 2π n.
+    What the polynomial P leaves of the nodes is the uncertainty of both its values.
+    """
+    change = np.multiply(whole, prepared.period, dtype=np.float64)
+    nodes = phase_nodes(prepared) if whole.any() else None
+    known = None if nodes is None else polynomial_phase(prepared, nodes)
+    if nodes is None or known is None:
+        return change, UNKNOWN_PERIOD * np.abs(change)
+    rows = np.flatnonzero((whole != 0).any(axis=1))
+    part = slice(int(rows[0]), int(rows[-1]) + 1) if rows.size else slice(0, 0)
+    per_rad = 1.0 / (2.0 * np.pi * prepared.frequency[0])
+    w = displacement_px.shape[1]
+    place = np.arange(w) - np.nan_to_num(np.asarray(displacement_px[part], np.float64))
+    before, step = known.at(np.clip(place, 0.0, w - 1.0), part), change[part].copy()
+    further = step
+    for _ in range(STEPS):
+        after = known.at(np.clip(place - further, 0.0, w - 1.0), part)
+        further = step - (before - after) * per_rad
+    change[part] = np.where(whole[part] != 0, further, 0.0)
+    left = float(np.median(np.abs(known.left(nodes)))) * per_rad / NORMAL_MAD
+    sigma = np.sqrt(2.0) * max(left, LEAST_MISFIT * prepared.period)
+    return change, np.where(whole != 0, sigma, 0.0)

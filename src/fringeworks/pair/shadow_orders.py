@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fringeworks.pair.order_range import AWAY, SHADOW_TOLERANCE, dark_pixels, shadows_along
 from fringeworks.pair.order_regions import Links, Orders, continuity, likely_orders
 from fringeworks.pair.prepared import PreparedPair
+from fringeworks.pair.reference_phase import moved_by_periods
 from fringeworks.types import BoolMap, DisplacementMap, FloatMap, Frozen, Reason, sealed
 
 MIN_SHADOW = 0.5
@@ -88,7 +89,7 @@ def by_shadows(
     still = int(np.count_nonzero(open_links | orders.undecided[at].any(axis=1)))
     still += len(unused.whole)
     corrections = ShadowOrders(sealed(turn(whole)), sealed(turn(refused)), still)
-    return _corrected(found, corrections), corrections
+    return _corrected(prepared, found, corrections), corrections
 
 
 def _undecided(
@@ -114,6 +115,8 @@ def _undecided(
     ends = place[links.rows, links.columns]
     links_of = np.bincount(ends.ravel(), minlength=count + 1)
     against = np.bincount(ends[open_links].ravel(), minlength=count + 1)
+    alone = np.bincount(place[unused.rows, unused.columns].ravel(), minlength=count + 1)
+    links_of, against = links_of + alone, against + alone
     lost = ~rim & (2 * against > links_of) & (against >= MIN_LINES)
     free = ~rim & (links_of == 0)
     around = _sides(place, ~on)
@@ -172,7 +175,9 @@ def _sides(place: NDArray[np.int32], marks: BoolMap) -> NDArray[np.intp]:
     return np.asarray(sum(np.bincount(near[far], minlength=count) for near, far in pairs))
 
 
-def _corrected(found: DisplacementMap, orders: ShadowOrders) -> DisplacementMap:
+def _corrected(
+    prepared: PreparedPair, found: DisplacementMap, orders: ShadowOrders
+) -> DisplacementMap:
     """The displacement with other orders."""
     if not (orders.moved.any() or orders.refused.any()):
         return found
@@ -183,11 +188,12 @@ def _corrected(found: DisplacementMap, orders: ShadowOrders) -> DisplacementMap:
     def blank(values: FloatMap, kind: np.dtype[np.floating]) -> FloatMap:
         return sealed(np.where(lost, np.nan, values).astype(kind, copy=False))
 
-    u = found.displacement_px
+    u, turn = found.displacement_px, prepared.to_capture
+    change, sigma = map(turn, moved_by_periods(prepared, turn(u), turn(orders.moved)))
     return replace(
         found,
-        displacement_px=blank(u + found.period_px * orders.moved, u.dtype),
-        sigma_px=blank(found.sigma_px, found.sigma_px.dtype),
+        displacement_px=blank(u + change, u.dtype),
+        sigma_px=blank(np.hypot(found.sigma_px, sigma), found.sigma_px.dtype),
         modulation_ratio=blank(found.modulation_ratio, found.modulation_ratio.dtype),
         reason=sealed(reason),
     )
@@ -234,10 +240,17 @@ def _linked(seen: Links, on: BoolMap, reach_px: float) -> tuple[Links, Links]:
     beyond = np.minimum.accumulate(np.where(on, columns, columns.size)[:, ::-1], axis=1)[:, ::-1]
     first = before[seen.rows[:, 0], seen.columns[:, 0]]
     last = beyond[seen.rows[:, 1], seen.columns[:, 1]]
-    near = (first >= 0) & (last < columns.size)
-    near &= (seen.columns[:, 0] - first < reach_px) & (last - seen.columns[:, 1] < reach_px)
-    unused = ~near & (seen.whole != 0)
+    near = np.stack(
+        (
+            (first >= 0) & (seen.columns[:, 0] - first < reach_px),
+            (last < columns.size) & (last - seen.columns[:, 1] < reach_px),
+        ),
+        axis=1,
+    )
+    places = np.where(near, np.stack((first, last), axis=1), seen.columns)
+    used = near.all(axis=1)
+    unused = ~used & (seen.whole != 0)
     return (
-        Links(seen.rows[near], np.stack((first, last), axis=1)[near], seen.whole[near]),
-        Links(seen.rows[unused], seen.columns[unused], seen.whole[unused]),
+        Links(seen.rows[used], places[used], seen.whole[used]),
+        Links(seen.rows[unused], places[unused], seen.whole[unused]),
     )

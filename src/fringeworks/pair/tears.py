@@ -9,6 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fringeworks.pair.prepared import PreparedPair
+from fringeworks.pair.reference_phase import moved_by_periods
 from fringeworks.types import BoolMap, DisplacementMap, FloatMap, sealed
 
 JUMP = 0.2
@@ -105,11 +106,14 @@ def without_tears(prepared: PreparedPair, found: DisplacementMap) -> tuple[Displ
         moved[number] = moved[beside] + whole
     if not moved.any():
         return found, 0
-    change = turn(moved[np.where(np.isfinite(u), near, 0)])
-    shifted = found.displacement_px + found.period_px * change
-    kind = found.displacement_px.dtype
-    count = int(np.count_nonzero(change))
-    return replace(found, displacement_px=sealed(shifted.astype(kind))), count
+    periods = moved[np.where(np.isfinite(u), near, 0)]
+    change, sigma = map(turn, moved_by_periods(prepared, u, periods))
+    shifted = found.displacement_px + change
+    return replace(
+        found,
+        displacement_px=sealed(shifted.astype(found.displacement_px.dtype)),
+        sigma_px=sealed(np.hypot(found.sigma_px, sigma).astype(found.sigma_px.dtype)),
+    ), int(np.count_nonzero(periods))
 
 
 def _touching(

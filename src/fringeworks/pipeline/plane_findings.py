@@ -63,9 +63,10 @@ def plane_findings(
         found.append(
             Finding(
                 "plane distance",
-                "the fringes do not tell the distance of the stated plane: σ of the points has a "
-                f"part of {common:.2g} mm that all of them share, from the plane's own σ of "
-                f"{evidence.sigma_mm:.2g} mm",
+                f"the fringes do not tell {_hidden(evidence)} of the stated plane: σ of the points "
+                f"has a part of {common:.2g} mm that all of them share, from the plane's own σ of "
+                f"{evidence.sigma_mm:.2g} mm; a plane that is off by more is not noticed, and "
+                "displaces the points by as much",
                 advice="state the plane's σ (plane_sigma_mm), or the pattern (period_px and "
                 "bright_px), or decode the plane",
                 figures=figures,
@@ -73,6 +74,14 @@ def plane_findings(
             )
         )
     return tuple(found)
+
+
+def _hidden(evidence: PlaneEvidence) -> str:
+    """What of the plane only its statement tells. Without the pattern's period, a tilt about the
+    fringes looks like another period."""
+    largest = np.sqrt(np.linalg.eigvalsh(evidence.covariance[1:3, 1:3])[-1])
+    tilt = largest > KNOWN_SHARE * evidence.sigma_mm
+    return "the distance, and one tilt," if tilt else "the distance"
 
 
 def _moved(evidence: PlaneEvidence, figures: dict[str, float]) -> Finding:

@@ -23,8 +23,8 @@ PANELS = {
     "Method": "live method option against denoise zero response estimate-response estimate-steps "
     "relative phases unwrap contrast adjust learn false-alarms kind min-period max-period "
     "camera-pixel robust colours",
-    "Output": "out capture ply figure panel no-title report json csv markdown timing force history "
-    "watched",
+    "Output": "out capture ply figure panel no-title report head json csv markdown timing force "
+    "history watched",
 }
 """Names of options by panel. An option means the same in every command, so it has one panel."""
 FIRST = {

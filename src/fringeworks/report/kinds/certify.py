@@ -17,6 +17,7 @@ from fringeworks.report.page.parts import facts
 from fringeworks.report.summary import origin
 from fringeworks.report.verdicts import Verdict
 from fringeworks.types.numbers import UNKNOWN, limit, number, percent, sigma_text
+from fringeworks.types.report_head import DEVICE_HEAD
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
@@ -250,4 +251,4 @@ def verdict(found: Certificate) -> Verdict:
     return Verdict(found.verdict, f"{found.verdict.upper()}: {said}.")
 
 
-describe(Certificate, Kind(figures, words, picture, chapter, verdict=verdict))
+describe(Certificate, Kind(figures, words, picture, chapter, verdict=verdict, head=DEVICE_HEAD))

@@ -64,14 +64,14 @@ def test_a_report_says_what_the_terminal_says(tmp_path, limits, verdict, said):
     check = found.checks[0]
     decimals = len(one[5].split()[0].partition(".")[2])
     assert one[0] == "step"
-    assert one[3:5] == [f"{v:g}" for v in limits]
-    assert float(one[2]) == pytest.approx(np.mean(limits))
+    assert one[3:5] == [f"{v:g} mm" for v in limits]
+    assert float(one[2].split()[0]) == pytest.approx(np.mean(limits))
     assert float(one[5].split()[0]) == pytest.approx(check.value, abs=0.5 * 10.0**-decimals)
     assert float(one[6].split()[0]) == pytest.approx(
         check.budget.expanded, abs=0.5 * 10.0**-decimals
     )
     assert one[7].startswith(verdict)
-    assert two[2:5] == ["0", "–", "0.9"]
+    assert two[2:5] == ["0 mm", "–", "0.9 mm"]
     # A picture of each tolerance's area, and the surface to turn.
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", page)
     assert any(text.startswith("step: step height of top and base.") for text in captions)

@@ -183,7 +183,7 @@ def chapter(found: Certificate, context: Context) -> Chapter:
     ]
     hashes = Table(
         ("raw frames", "sha256"),
-        tuple((source.name, source.sha256) for source in found.provenance.inputs),
+        tuple((_frame(source.name), source.sha256) for source in found.provenance.inputs),
         "Raw frames",
     )
     return Chapter(
@@ -237,6 +237,12 @@ def _artefacts(found: Certificate) -> list[tuple[str, str]]:
             )
         )
     return rows
+
+
+def _frame(name: str) -> str:
+    """A frame without the name of its scan, where its own folder has that name: a line holds it."""
+    scan, sign, file = name.partition(": ")
+    return file if sign and file.startswith(f"{scan}/") else name
 
 
 def verdict(found: Certificate) -> Verdict:

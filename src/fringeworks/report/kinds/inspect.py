@@ -190,7 +190,8 @@ def _under(one: PartTolerance) -> str:
 
 def _exact(one: PartTolerance) -> str:
     """The theoretically exact dimensions of a tolerance, and the body that is not a plane."""
-    zone, said = one.zone, []
+    zone = one.zone
+    said: list[str] = []
     if zone.body != "plane":
         said.append(zone.body)
     if zone.angle_deg is not None:

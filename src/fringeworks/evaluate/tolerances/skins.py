@@ -295,6 +295,8 @@ def _skin(
     elif fitted.resolved:
         value = fitted.at(unit)
         pixel, weight = _evenly(kept) if evenly else _limiting(unit, value, kept)
+        if chart.body.kind != "plane" and not evenly:
+            pixel, weight = _with_all(pixel, _evenly(kept))
         at, value, number = unit[pixel], value[pixel], number[pixel]
         unsure = Unsure(fitted.design(at), fitted.likely)
     else:
@@ -368,6 +370,19 @@ def _evenly(kept: NDArray[np.intp]) -> tuple[NDArray[np.intp], FloatMap]:
     """Points all over an area, and the number of pixels that each stands for in means."""
     pixel = kept[:: -(-len(kept) // EVEN_POINTS)]
     return pixel, np.full(len(pixel), len(kept) / len(pixel))
+
+
+def _with_all(
+    limits: NDArray[np.intp], all_over: tuple[NDArray[np.intp], FloatMap]
+) -> tuple[NDArray[np.intp], FloatMap]:
+    """Points that can limit a zone beside those all over an area, which alone count in means.
+
+    Caps and arcs hold their centre or axis by their curvature alone. The middles of bins, of which
+    a form has few for each wave, moved centres of balls by up to 3 % of the form.
+    """
+    pixel, weight = all_over
+    others = np.setdiff1d(limits, pixel)
+    return np.concatenate((pixel, others)), np.concatenate((weight, np.zeros(len(others))))
 
 
 def _limiting(

@@ -26,6 +26,8 @@ COLUMNS = ("parameter", "", "values", "largest", "u of the test", "MPE", "verdic
 """Columns of the table of quality parameters."""
 PLACE_DIGITS_MM = 1.0
 """Standard deviation that places of artefacts are shown with, mm."""
+NOT_STATED = "certificate not stated"
+"""What stands in place of the number of an artefact's calibration certificate."""
 RULES = (
     "PF is the range of the radial distances of the points from the sphere of least squares with a "
     "free radius, PS its diameter less the calibrated one, SD the distance of both centres less "
@@ -228,6 +230,7 @@ def _artefacts(found: Certificate) -> list[tuple[str, str]]:
                 f"{limit(bar.form_mm)} mm",
             )
         )
+        rows.append(("its calibration", bar.calibration or NOT_STATED))
     if plane is not None:
         rows.append(
             (
@@ -236,6 +239,7 @@ def _artefacts(found: Certificate) -> list[tuple[str, str]]:
                 f"{limit(plane.flatness_mm)} mm, u {sigma_text(plane.flatness_sigma_mm, 'mm')}",
             )
         )
+        rows.append(("its calibration", plane.calibration or NOT_STATED))
     return rows
 
 

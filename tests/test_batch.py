@@ -239,7 +239,8 @@ def test_a_watched_folder(line, tmp_path):
 def test_archives_without_zarr_and_control_charts(line, tmp_path):
     report = tmp_path / "batch.html"
     words = ["batch", str(line / "in"), "--recipe", str(line / "recipe.toml"), "--workers", "2"]
-    assert run([*words, "--out", str(tmp_path / "o"), "--report", str(report)]) == 0
+    shown = ["--report", str(report), "--head", "order=118"]
+    assert run([*words, "--out", str(tmp_path / "o"), *shown]) == 0
     rows = table(tmp_path / "o" / "summary.csv")
     assert len(rows) == COUNT
     for row in rows.values():
@@ -258,6 +259,8 @@ def test_archives_without_zarr_and_control_charts(line, tmp_path):
     for place, name in links.items():
         page = (tmp_path / place).read_text("utf-8")
         assert f"<h1>{name}</h1>" in page
+        assert f"<dt>serial number</dt><dd>{name}</dd>" in page
+        assert "<dt>order</dt><dd>118</dd>" in page
         assert ">PASS: the tolerance is kept.</p>" in page
         assert number(float(rows[name]["step"]), float(rows[name]["step σ"]), "mm") in page
     values = np.array([10.0, 10.1, 9.9, np.nan, 10.0, 10.2])

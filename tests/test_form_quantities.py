@@ -167,3 +167,21 @@ def test_an_oval_tube_is_not_round():
     cloud = fw.PointCloud(xyz.astype(np.float32), some, some, np.zeros(tube.shape, np.uint8))
     one = MEASURED["roundness"](area_points(cloud, known["tube"]))
     assert one.value == pytest.approx(0.2, rel=0.15)
+
+
+@pytest.mark.parametrize(("limit", "verdict"), [(0.23, "fail"), (0.28, "pass")])
+def test_a_plainly_bent_face_is_decided(limit, verdict):
+    """A bow of 0.3 mm, of which 0.26 mm are flatness without the farthest 0.3 %."""
+    y, x = np.mgrid[:100, :100] * 0.3
+    u = x / x.max() * 2.0 - 1.0
+    z = 500.0 + 0.3 * u * u + np.random.default_rng(8).normal(0.0, 0.02, x.shape)
+    xyz = np.stack((x - 15.0, y - 15.0, z), -1).astype(np.float32)
+    sigma = np.full(x.shape, 0.02, np.float32)
+    cloud = fw.PointCloud(xyz, sigma, sigma, np.zeros(x.shape, np.uint8))
+    area = fw.evaluate.Area(box=(3, 3, 96, 96))
+    flat = fw.evaluate.PartTolerance("flat", "flatness", ("face",), None, limit)
+    (check,) = fw.evaluate.judge_part(cloud, fw.Recipe(areas={"face": area}, tolerances=(flat,)))
+    inner = 0.3 * u[3:97, 3:97] ** 2
+    assert check.verdict == verdict
+    assert check.value == pytest.approx(np.ptp(inner), abs=0.01)
+    assert check.sigma < 0.003

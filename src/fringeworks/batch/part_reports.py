@@ -16,6 +16,7 @@ from fringeworks.evaluate.inspect import Check, Inspection, Verdict
 from fringeworks.report.page.report import write_report
 from fringeworks.types import FileProblem, PartTolerance, Rig
 from fringeworks.types.recipe import UNITS
+from fringeworks.types.report_head import MOST_LETTERS
 
 Parts = Literal["all", "failed", "none"]
 """Parts that get a report of their own."""
@@ -24,7 +25,11 @@ UNSAFE = re.compile(r"[^\w.-]+")
 
 
 def write_part_reports(
-    path: Path, result: BatchResult, parts: Parts, progress: Callable[[str], None]
+    path: Path,
+    result: BatchResult,
+    parts: Parts,
+    progress: Callable[[str], None],
+    head: Mapping[str, str],
 ) -> dict[str, str]:
     """Write the reports of parts into a folder beside the batch's, and return links to them.
 
@@ -35,6 +40,8 @@ def write_part_reports(
     result : BatchResult
     parts : "all", "failed" or "none"
     progress : callable
+    head : mapping
+        Fields of the head; the serial number is the name of the part.
 
     Returns
     -------
@@ -61,7 +68,10 @@ def write_part_reports(
     for row in chosen:
         name = str(row["scan"])
         progress(f"report of {name}")
-        write_report(_place(path, name), {name: inspection_of(result, store, row)}, rig=rig)
+        shown = {name: inspection_of(result, store, row)}
+        write_report(
+            _place(path, name), shown, rig=rig, head={**head, "serial": name[:MOST_LETTERS]}
+        )
     links = report_links(path, result)
     return {str(row["scan"]): links[str(row["scan"])] for row in chosen}
 

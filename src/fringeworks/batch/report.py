@@ -20,16 +20,20 @@ from fringeworks.report.control_chart import control_chart
 from fringeworks.report.drawing import need_plots
 from fringeworks.report.kinds.nelson import SIGNAL_COLUMNS, signal_rows
 from fringeworks.report.page.blocks import Block, Chapter, Origin, Picture, Table, Text
+from fringeworks.report.page.head import head_of
 from fringeworks.report.page.parts import dict_table, facts
 from fringeworks.report.page.report import check_report_target, write_page
 from fringeworks.report.verdicts import COVERAGE, Verdict, allowed, overall
 from fringeworks.types import FloatMap, PartTolerance, Rig, day, fingerprint, made_by
 from fringeworks.types.numbers import SHARE, UNKNOWN, limit, number, percent
+from fringeworks.types.report_head import PART_HEAD
 
 MOST_LISTED = 2000
 """Parts that the table of a page lists; the summary has all."""
 MOST_VALUES = 8
 """Tolerances whose values stand in the table of parts; more have charts only."""
+BATCH_HEAD = tuple(name for name in PART_HEAD if name != "serial")
+"""Fields of the head; the table of parts has the serial numbers."""
 NOT_MEASURED = "not measured"
 """Verdict of scans that could not be measured."""
 INDEX_DIGITS = 2
@@ -54,6 +58,7 @@ def write_batch_report(
     *,
     title: str = "",
     parts: Parts = "all",
+    head: Mapping[str, str] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Path:
     """Write the report of a batch.
@@ -68,6 +73,9 @@ def write_batch_report(
     parts : "all", "failed" or "none"
         Parts that get a report of their own, of the same format, in the folder ``NAME-parts``
         beside it; ``failed`` are those that did not pass. A page links to them.
+    head : mapping, optional
+        Fields of the head, which add to those of the recipe; see ``write_report``. Those of the
+        parts have the name of the part as its serial number.
     progress : callable
         Called with what is written.
 
@@ -81,9 +89,12 @@ def write_batch_report(
     """
     need_plots("a report")
     check_report_target(path)
+    verdict = _verdict(result)
     origin = made_by("write_batch_report", options={"results": str(result.folder)})
     ordered = replace(result, rows=tuple(sorted(result.rows, key=_moment)))
-    links = write_part_reports(Path(path), ordered, parts, progress)
+    fields = {**result.recipe.head, **(head or {})}
+    top = head_of(fields, BATCH_HEAD, judged=verdict is not None)
+    links = write_part_reports(Path(path), ordered, parts, progress, fields)
     chapters = [
         Chapter("Summary", (*_summary(ordered), *_capabilities(ordered))),
         Chapter("Parts", _parts(ordered, links)),
@@ -98,7 +109,7 @@ def write_batch_report(
             ),
         ),
     ]
-    return write_page(path, title or _title(result), chapters, origin, verdict=_verdict(ordered))
+    return write_page(path, title or _title(result), chapters, origin, verdict=verdict, head=top)
 
 
 def _moment(row: Mapping[str, Any]) -> tuple[str, str]:

@@ -13,6 +13,7 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
+from fringeworks.cli.options import HeadOption
 
 SECTION = "Results"
 NOT_MEASURED = 5
@@ -69,6 +70,7 @@ def batch(
         PartReports,
         typer.Option(help="Parts with a report of their own, in the folder REPORT-parts."),
     ] = PartReports.all,
+    head: HeadOption = None,
     resume: Annotated[
         bool,
         typer.Option(
@@ -79,6 +81,7 @@ def batch(
     """Measure and judge many captures; exit code 0 all pass, 3 some fail, 4 undecided, 5 errors."""
     words = output.Output()
     output.check(report, "report")
+    fields = output.head_fields(head)
     with output.progress(None if watch else len(fw.batch.find_scans(source))) as show:
 
         def told(row: dict[str, Any], _: int) -> None:
@@ -100,6 +103,20 @@ def batch(
             progress=told,
             started=started,
         )
+    _say_counts(words, found)
+    if report is not None:
+        with output.progress(len(found.rows)) as show:
+            kind: Any = part_reports.value
+            fw.batch.write_batch_report(
+                report, found, title=title, parts=kind, head=fields, progress=show
+            )
+    words.wrote(out, found.summary, report)
+    code = 3 if found.count("fail") else 4 if found.count("undecided") else 0
+    raise typer.Exit(NOT_MEASURED if found.failed else code)
+
+
+def _say_counts(words: output.Output, found: fw.batch.BatchResult) -> None:
+    """What could not be measured, and how many parts have each verdict."""
     problems = [row for row in found.rows if row.get("error")]
     for row in problems[:SHOWN]:
         words.say(f"{row['scan']}: {row['error']}")
@@ -109,13 +126,6 @@ def batch(
     told_counts = ", ".join(f"{count} {name}" for name, count in counts.items())
     words.say(f"{len(found.rows)} scans: {told_counts}, {found.failed} not measured")
     _say_passed_over(words, found.passed_over)
-    if report is not None:
-        with output.progress(len(found.rows)) as show:
-            kind: Any = part_reports.value
-            fw.batch.write_batch_report(report, found, title=title, parts=kind, progress=show)
-    words.wrote(out, found.summary, report)
-    code = 3 if counts["fail"] else 4 if counts["undecided"] else 0
-    raise typer.Exit(NOT_MEASURED if found.failed else code)
 
 
 def _say_passed_over(words: output.Output, folders: Sequence[str]) -> None:

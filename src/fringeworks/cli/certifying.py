@@ -11,7 +11,7 @@ import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.inspecting import EXIT_CODES
-from fringeworks.cli.options import JsonFile
+from fringeworks.cli.options import HeadOption, JsonFile
 
 SECTION = "Results"
 
@@ -31,6 +31,7 @@ def certificate(
         Path | None, typer.Option(help="Write a report: a page to hand on, .html or .pdf.")
     ] = None,
     paper: Annotated[str, typer.Option(help="Paper: A4 or letter, for a PDF.")] = "A4",
+    head: HeadOption = None,
     json_file: JsonFile = None,
 ) -> None:
     """Test a scanner by scans of a ball bar and a plane (VDI/VDE 2634).
@@ -39,6 +40,7 @@ def certificate(
     """
     words = output.Output(report, json_file)
     output.check(report, "report")
+    fields = output.head_fields(head)
     known = fw.files.read_acceptance_test(test)
     if positions:
         if report is not None or json_file is not None:
@@ -51,7 +53,7 @@ def certificate(
     words.tell(found, figures)
     if report is not None:
         with output.target(report, ".html") as place:
-            fw.write_report(place, {f"Certificate: {test.stem}": found}, paper=paper)
+            fw.write_report(place, {f"Certificate: {test.stem}": found}, paper=paper, head=fields)
     output.write_json(json_file, figures)
     words.wrote(report, json_file)
     raise typer.Exit(EXIT_CODES[found.verdict])

@@ -23,6 +23,14 @@ JsonFile = Annotated[
         "--json", help="Write the numerical results as JSON to this file.", callback=want_json
     ),
 ]
+HeadOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--head",
+        help="Field of the report's head, as serial=18: customer, order, part, part_number, "
+        "serial, drawing, revision, device, inspector; repeatable.",
+    ),
+]
 Figure = Annotated[
     Path | None, typer.Option("--figure", help="Draw a picture: .png, .pdf or .svg.")
 ]

@@ -336,6 +336,19 @@ def _reads(source: Path, path: Path) -> bool:
     return there.suffix.lower() in (*IMAGE_SUFFIXES, ".toml", ".npy")
 
 
+def head_fields(given: Sequence[str] | None) -> dict[str, str]:
+    """Return the fields of a report's head from words such as ``serial=18``."""
+    fields: dict[str, str] = {}
+    for one in given or ():
+        name, sign, text = one.partition("=")
+        if not sign or name in fields:
+            raise fw.InputError(f"--head: expected each field once as serial=18, got {one!r}")
+        fields[name] = text
+    from fringeworks.types.report_head import checked_head  # when it is used
+
+    return checked_head(fields)
+
+
 def check_folder(path: Path) -> None:
     """Refuse standard output where a folder is written."""
     if is_stdout(path):

@@ -22,9 +22,10 @@ PANELS = {
     "scale face in robot-pose poses-as",
     "Method": "live method option against denoise zero response estimate-response estimate-steps "
     "relative phases unwrap contrast adjust learn false-alarms kind min-period max-period "
-    "camera-pixel robust colours",
-    "Output": "out capture ply figure panel no-title report json csv markdown timing force history "
-    "watched",
+    "camera-pixel robust colours "
+    "quantity part operator names tolerance-width calibrated calibrated-sigma spread share",
+    "Output": "out capture ply figure panel no-title report head json csv markdown timing force "
+    "history watched",
 }
 """Names of options by panel. An option means the same in every command, so it has one panel."""
 FIRST = {
@@ -40,6 +41,7 @@ FIRST = {
     "reconstruct": "reference object method out figure",
     "response": "plan set camera-name projector-name out",
     "scan": "setup rig capture out hdr",
+    "study": "quantity tolerance-width calibrated report json",
     "watch": "rig watched learn false-alarms json",
     "simulate": "shape size noise bits out",
 }

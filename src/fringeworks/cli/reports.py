@@ -10,6 +10,7 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
+from fringeworks.cli.options import HeadOption
 
 SECTION = "Results"
 OUT_OF_TOLERANCE = 3
@@ -44,10 +45,12 @@ def report(
     thin: Annotated[int, typer.Option(help="Show every THIN-th column and row only.")] = 1,
     pdf: Annotated[Path | None, typer.Option(help="Write a PDF beside the page.")] = None,
     paper: Annotated[str, typer.Option(help="Paper: A4 or letter, for a PDF.")] = "A4",
+    head: HeadOption = None,
 ) -> None:
     """Write results with their pictures, findings, tolerances and origin into one file."""
     words = output.Output(out)
     output.check(out, "report")
+    fields = output.head_fields(head)
     with output.target(out, ".html") as place:
         written = fw.write_report(
             place,
@@ -59,6 +62,7 @@ def report(
             every=thin,
             pdf=pdf,
             paper=paper,
+            head=fields,
         )
     words.wrote(out, pdf)
     if not written.kept:

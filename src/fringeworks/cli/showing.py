@@ -12,7 +12,7 @@ from fringeworks.cli import output
 if TYPE_CHECKING:
     import typer
 
-    from fringeworks.cli.options import Figure, JsonFile
+    from fringeworks.cli.options import Figure, HeadOption, JsonFile
     from fringeworks.files.point_table import Kind
 
 
@@ -33,6 +33,8 @@ class ShowOptions:
         bool, typer.Option("--no-title", help="Draw --figure without titles, for papers.")
     ] = False
 
+    head: HeadOption = None
+
     @property
     def targets(self) -> tuple[Path | None, ...]:
         """The files."""
@@ -47,6 +49,9 @@ class ShowOptions:
         """Refuse files that cannot be written, before anything is computed for them."""
         if self.figure is None and (self.panel is not None or self.no_title):
             raise fw.InputError("--panel, --no-title: expected together with --figure")
+        if self.head and self.report is None:
+            raise fw.InputError("--head: expected together with --report")
+        output.head_fields(self.head)
         output.check(self.figure, "figure")
         output.check(self.report, "report")
 
@@ -66,7 +71,7 @@ class ShowOptions:
         if self.report is not None:
             shown = {name: result} if name else result
             with output.target(self.report, ".html") as place:
-                fw.write_report(place, shown, rig=rig)
+                fw.write_report(place, shown, rig=rig, head=output.head_fields(self.head))
         output.write_json(self.json_file, figures)
 
     def write_points(

@@ -12,7 +12,7 @@ import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.inspecting import EXIT_CODES
-from fringeworks.cli.options import JsonFile
+from fringeworks.cli.options import HeadOption, JsonFile
 
 SECTION = "Results"
 
@@ -74,6 +74,7 @@ def study(
     report: Annotated[
         Path | None, typer.Option(help="Write a report: a page to hand on, .html or .pdf.")
     ] = None,
+    head: HeadOption = None,
     json_file: JsonFile = None,
 ) -> None:
     """Judge a gauge: repeatability and reproducibility, Cg and Cgk, or linearity.
@@ -82,12 +83,13 @@ def study(
     """
     words = output.Output(report, json_file)
     output.check(report, "report")
+    fields = output.head_fields(head)
     found = _studied(_summary(table), where, limits)
     figures = fw.report.summarise(found)
     words.tell(found, figures)
     if report is not None:
         with output.target(report, ".html") as place:
-            fw.write_report(place, {f"{table.stem}: {where.quantity}": found})
+            fw.write_report(place, {f"{table.stem}: {where.quantity}": found}, head=fields)
     output.write_json(json_file, figures)
     words.wrote(report, json_file)
     raise typer.Exit(EXIT_CODES[found.verdict])

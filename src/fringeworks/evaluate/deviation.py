@@ -510,8 +510,9 @@ def _assembled(
     findings = [*alignment.findings, *seen.surface.findings, *model.findings]
     findings += _coarse(model, sigma)
     if seen.rig is None and seen.sigma_mm is not None and isinstance(seen.surface, PointCloud):
+        why = "no rig was given" if origin.rig_sha256 is None else "the rig has no covariance"
         no_rig = (
-            "no rig was given: errors of the calibration count in full, although the alignment "
+            f"{why}: errors of the calibration count in full, although the alignment "
             "takes up a part of them"
         )
         findings += as_notes([no_rig], "standard deviation")

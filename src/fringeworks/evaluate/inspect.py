@@ -349,7 +349,9 @@ def judge_deviation(
 
 
 def recipe_hash(recipe: Recipe) -> str:
-    """Return the hash of what a recipe asks for, its model's content included and its rig left out.
+    """Return the hash of what a recipe asks for.
+
+    Its model's content is included; its rig and the head of reports are left out.
 
     Raises
     ------
@@ -361,7 +363,7 @@ def recipe_hash(recipe: Recipe) -> str:
         mesh = model.mesh
         content = fingerprint(mesh) if isinstance(mesh, TriangleMesh) else source_of(mesh).sha256
         told = (content, model.align, model.reach_mm)
-    return fingerprint((replace(recipe, rig=None, model=None), told))
+    return fingerprint((replace(recipe, rig=None, model=None, head={}), told))
 
 
 def rig_of(recipe: Recipe) -> Rig:

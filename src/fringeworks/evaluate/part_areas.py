@@ -17,8 +17,10 @@ from fringeworks.evaluate.measured_part import named_model
 from fringeworks.evaluate.monte_carlo import MonteCarlo, draw_quantity, draw_zone, monte_carlo_of
 from fringeworks.evaluate.quantified import Quantified
 from fringeworks.evaluate.quantities import MEASURED, area_deviation
+from fringeworks.evaluate.tolerances.even_range import EVEN, even_range
 from fringeworks.evaluate.tolerances.measure import prepared
-from fringeworks.evaluate.tolerances.uncertain import quantified
+from fringeworks.evaluate.tolerances.skins import Skin
+from fringeworks.evaluate.tolerances.uncertain import Value, quantified
 from fringeworks.types import (
     Area,
     BoolMap,
@@ -115,9 +117,16 @@ class PartAreas:
         ------
         InputError where it cannot be measured.
         """
-        if one.quantity in CHARACTERISTICS:
-            return quantified(*prepared(one, self.recipe, self.of_area, self.of_model))
+        zone = self._zone(one)
+        if zone is not None:
+            return quantified(*zone)
         return MEASURED[one.quantity](*self._of(one).values())
+
+    def _zone(self, one: PartTolerance) -> tuple[Value, list[Skin]] | None:
+        """The quantity as a function of its surfaces; None where it is one of points."""
+        if one.quantity in CHARACTERISTICS:
+            return prepared(one, self.recipe, self.of_area, self.of_model)
+        return even_range(one, self.of_area) if one.quantity in EVEN else None
 
     def budget(self, one: PartTolerance, found: Quantified) -> Budget:
         """Return the uncertainty budget of a quantity that was measured."""
@@ -129,16 +138,17 @@ class PartAreas:
         self, one: PartTolerance, found: Quantified, budget: Budget, *, draws: int, seed: int = 0
     ) -> MonteCarlo:
         """Return what Monte Carlo makes of a quantity that was measured."""
-        zone = one.quantity in CHARACTERISTICS
+        zone = self._zone(one)
 
         def draw(count: int, random: np.random.Generator) -> FloatMap:
-            if zone:
-                value, skins = prepared(one, self.recipe, self.of_area, self.of_model)
-                return draw_zone(value, skins, count, random)
+            if zone is not None:
+                return draw_zone(*zone, count, random)
             areas = self._of(one)
             return draw_quantity(one.quantity, areas, count, random, freed=found.noise > 0)
 
-        return monte_carlo_of(draw, found, budget, draws=draws, seed=seed, recentred=zone)
+        return monte_carlo_of(
+            draw, found, budget, draws=draws, seed=seed, recentred=zone is not None
+        )
 
 
 def _wanted(surface: HeightMap | PointCloud, recipe: Recipe) -> BoolMap | None:

@@ -40,6 +40,7 @@ class _BallBar(Section):
     form_mm: float = 0.0
     form_expanded_mm: float = 0.0
     k: float = Field(default=2.0, ge=1.0)
+    calibration: str = Field(default="", max_length=120)
 
     def artefact(self) -> BallBar:
         return BallBar(
@@ -49,6 +50,7 @@ class _BallBar(Section):
             self.diameter_expanded_mm / self.k,
             self.form_mm,
             self.form_expanded_mm / self.k,
+            self.calibration,
         )
 
 
@@ -59,9 +61,11 @@ class _Plane(Section):
     flatness_mm: float = 0.0
     flatness_expanded_mm: float = 0.0
     k: float = Field(default=2.0, ge=1.0)
+    calibration: str = Field(default="", max_length=120)
 
     def artefact(self) -> PlaneArtefact:
-        return PlaneArtefact(self.size_mm, self.flatness_mm, self.flatness_expanded_mm / self.k)
+        sigma = self.flatness_expanded_mm / self.k
+        return PlaneArtefact(self.size_mm, self.flatness_mm, sigma, self.calibration)
 
 
 class _Scan(Section):

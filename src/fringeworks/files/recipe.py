@@ -193,6 +193,8 @@ class RecipeFile(Section):
     datums: dict[str, _Datum] = Field(default_factory=dict, max_length=MOST_AREAS)
     tolerances: list[_Tolerance] = Field(default_factory=list, max_length=MOST_AREAS)
     uncertainty: _Uncertainty = Field(default_factory=_Uncertainty)
+    head: dict[str, str] = Field(default_factory=dict)
+    """Fields of the head of reports."""
 
 
 def read_recipe(path: StrPath) -> Recipe:
@@ -241,6 +243,7 @@ def read_recipe(path: StrPath) -> Recipe:
             },
             risk=content.risk,
             uncertainty=content.uncertainty.stated(),
+            head=content.head,
         )
     except FileProblem:
         raise
@@ -295,7 +298,7 @@ def write_recipe(path: StrPath, recipe: Recipe) -> Path:
 
 
 def _judging(recipe: Recipe) -> dict[str, Any]:
-    """The tables of datums, tolerances and stated uncertainties."""
+    """The tables of datums, tolerances, stated uncertainties and the head of reports."""
     content: dict[str, Any] = {}
     if recipe.datums:
         content["datums"] = {name: _datum_table(one) for name, one in recipe.datums.items()}
@@ -303,6 +306,8 @@ def _judging(recipe: Recipe) -> dict[str, Any]:
     stated = {name: value for name, value in vars(recipe.uncertainty).items() if value}
     if stated:
         content["uncertainty"] = stated
+    if recipe.head:
+        content["head"] = dict(recipe.head)
     return content
 
 

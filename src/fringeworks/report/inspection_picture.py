@@ -20,6 +20,8 @@ LIGHT = (-0.5, -0.5, -0.7)
 """Direction towards the lamp, in camera coordinates: from the upper left, as reliefs are lit."""
 AREA_COLOURS = ("#0072b2", "#d55e00")
 """Outlines of the first and the second area of a quantity: blue and orange."""
+DATUM_COLOUR = "#7a3e9d"
+"""Outline of datums, which differ from both: purple."""
 ALL_AREAS = "#0072b2"
 """Outline of areas on the picture of a whole part."""
 TINT = 0.28
@@ -73,6 +75,11 @@ def area_picture(found: Inspection, check: Check, part: Backdrop) -> Figure:
     for (name, area), colour in zip(areas.items(), AREA_COLOURS, strict=False):
         if area is not None:
             _outline(place, name, area, colour)
+    for letter in check.tolerance.zone.datums:
+        for name in found.recipe.datums[letter].areas:
+            pixels = found.pixels(name)
+            if pixels is not None and name not in areas:
+                _outline(place, letter, pixels, DATUM_COLOUR)
     _gauge(gauge, check, found.recipe.risk)
     return figure
 

@@ -55,6 +55,8 @@ class Kind(Generic[Result]):
     """The map or the points in the result that the viewer turns."""
     verdict: Callable[[Result], Verdict] | None = None
     """What stands on top of a report of this result alone."""
+    head: Sequence[str] = ()
+    """Fields of the head of a report that judges such a result; see ``HEAD_FIELDS``."""
 
 
 NOTHING: Kind[Any] = Kind()

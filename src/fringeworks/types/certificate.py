@@ -48,6 +48,8 @@ class BallBar(Frozen):
     """Calibrated form error of the balls, mm."""
     form_sigma_mm: float = 0.0
     """Its standard uncertainty, mm."""
+    calibration: str = ""
+    """Number of its calibration certificate, and its date; "" where it is not stated."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -70,6 +72,8 @@ class PlaneArtefact(Frozen):
     """Calibrated flatness, mm."""
     flatness_sigma_mm: float = 0.0
     """Its standard uncertainty, mm."""
+    calibration: str = ""
+    """Number of its calibration certificate, and its date; "" where it is not stated."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -15,6 +15,7 @@ from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.numbers import SHARE
 from fringeworks.types.points import TriangleMesh
+from fringeworks.types.report_head import checked_head
 from fringeworks.types.rig import Rig
 from fringeworks.types.uncertainty import StatedUncertainty
 
@@ -319,7 +320,8 @@ class Recipe(Frozen):
 
     Raises
     ------
-    InputError for unknown areas, repeated names, and a risk out of its range.
+    InputError for unknown areas, repeated names, a risk out of its range, and unknown fields of the
+    head.
     """
 
     method: str = "windowed"
@@ -343,9 +345,12 @@ class Recipe(Frozen):
     """Datums of the drawing by name."""
     uncertainty: StatedUncertainty = field(default_factory=StatedUncertainty)
     """Uncertainties that no frame shows: of the board's certificate, and by temperature."""
+    head: Mapping[str, str] = field(default_factory=dict)
+    """Fields of the head of reports, such as customer, part_number and revision."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        checked_head(self.head)
         if not 0 < self.risk <= 0.5:
             raise InputError(
                 f"risk: expected a probability above 0 and at most 0.5, got {self.risk}"

@@ -31,6 +31,8 @@ MOST_POINTS = 20_000
 BINS = 20
 """Bins along each side of an area. Of each, the highest and lowest point count: of a smooth surface
 no other can limit a zone."""
+EVEN_POINTS = 5_000
+"""Points of a surface of which a share is left out: 15 of them are 0.3 %."""
 MEDIAN_POINTS = 2_000
 """Points of a median surface: 45 along each side."""
 LINES = 21
@@ -165,7 +167,7 @@ class Chart:
         return np.asarray(base + body.radius * out)
 
 
-def skin(part: AreaPoints, kind: Kind, lines: Lines | None = None) -> Skin:
+def skin(part: AreaPoints, kind: Kind, lines: Lines | None = None, *, evenly: bool = False) -> Skin:
     """Return the surface of a feature.
 
     Parameters
@@ -174,6 +176,9 @@ def skin(part: AreaPoints, kind: Kind, lines: Lines | None = None) -> Skin:
     kind : "plane", "cylinder" or "sphere"
     lines : Lines, optional
         The lines that it is judged by; all of its surface otherwise.
+    evenly : bool
+        Take points all over the surface, for a share of them; those that can limit a zone
+        otherwise.
 
     Raises
     ------
@@ -182,7 +187,7 @@ def skin(part: AreaPoints, kind: Kind, lines: Lines | None = None) -> Skin:
     body = body_of(part, kind)
     normals = body.normals(part.points)
     chart = chart_of(body, normals.mean(axis=0), lines)
-    return _skin(part, chart, normals, body.distances(part.points), lines)
+    return _skin(part, chart, normals, body.distances(part.points), lines, evenly=evenly)
 
 
 def median_skin(one: AreaPoints, other: AreaPoints) -> Skin:
@@ -264,6 +269,8 @@ def _skin(
     distance: FloatMap,
     lines: Lines | None,
     points: FloatMap | None = None,
+    *,
+    evenly: bool = False,
 ) -> Skin:
     places = chart.places(part.points)
     inner = np.flatnonzero(part.inner)
@@ -287,7 +294,9 @@ def _skin(
         value, weight = fitted.at(at), np.ones(len(at))
     elif fitted.resolved:
         value = fitted.at(unit)
-        pixel, weight = _limiting(unit, value, kept)
+        pixel, weight = _evenly(kept) if evenly else _limiting(unit, value, kept)
+        if chart.body.kind != "plane" and not evenly:
+            pixel, weight = _with_all(pixel, _evenly(kept))
         at, value, number = unit[pixel], value[pixel], number[pixel]
         unsure = Unsure(fitted.design(at), fitted.likely)
     else:
@@ -355,6 +364,25 @@ def _blocks(columns: FloatMap, variance: FloatMap) -> tuple[FloatMap, FloatMap]:
     total = np.bincount(block, weight)
     means = [np.bincount(block, weight * one) / total for one in columns.T]
     return np.stack(means, axis=-1), 1.0 / total
+
+
+def _evenly(kept: NDArray[np.intp]) -> tuple[NDArray[np.intp], FloatMap]:
+    """Points all over an area, and the number of pixels that each stands for in means."""
+    pixel = kept[:: -(-len(kept) // EVEN_POINTS)]
+    return pixel, np.full(len(pixel), len(kept) / len(pixel))
+
+
+def _with_all(
+    limits: NDArray[np.intp], all_over: tuple[NDArray[np.intp], FloatMap]
+) -> tuple[NDArray[np.intp], FloatMap]:
+    """Points that can limit a zone beside those all over an area, which alone count in means.
+
+    Caps and arcs hold their centre or axis by their curvature alone. The middles of bins, of which
+    a form has few for each wave, moved centres of balls by up to 3 % of the form.
+    """
+    pixel, weight = all_over
+    others = np.setdiff1d(limits, pixel)
+    return np.concatenate((pixel, others)), np.concatenate((weight, np.zeros(len(others))))
 
 
 def _limiting(

@@ -18,6 +18,9 @@ COLUMNS = ("source", "u of the input", "distribution", "sensitivity", "u", "ν",
 """Columns of a budget."""
 WHOLE = "together"
 """Name of the row of all parts."""
+LEAST_SHARE = 0.001
+"""Smallest share of a variance that is shown as a number: it changes σ by 0.05 %, and σ has two
+digits."""
 MANY_FREEDOM = 1000.0
 """Degrees of freedom from which on they are shown as ∞: k then differs from 2 by under 0.2 %."""
 EXPLAINED = (
@@ -99,8 +102,13 @@ def _row(one: BudgetLine, unit: str) -> tuple[str, ...]:
         number(one.sensitivity),
         sigma_text(one.sigma, unit),
         freedom_text(one.freedom),
-        percent(one.share),
+        _share_text(one.share),
     )
+
+
+def _share_text(share: float) -> str:
+    """A share of the variance; nobody reads the digits of a negligible one."""
+    return percent(share) if not share < LEAST_SHARE else f"< {percent(LEAST_SHARE)}"
 
 
 def monte_carlo_text(found: MonteCarlo, unit: str) -> str:

@@ -17,6 +17,7 @@ from fringeworks.report.page.parts import facts
 from fringeworks.report.summary import origin
 from fringeworks.report.verdicts import Verdict
 from fringeworks.types.numbers import UNKNOWN, limit, number, percent, sigma_text
+from fringeworks.types.report_head import DEVICE_HEAD
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
@@ -25,6 +26,8 @@ COLUMNS = ("parameter", "", "values", "largest", "u of the test", "MPE", "verdic
 """Columns of the table of quality parameters."""
 PLACE_DIGITS_MM = 1.0
 """Standard deviation that places of artefacts are shown with, mm."""
+NOT_STATED = "certificate not stated"
+"""What stands in place of the number of an artefact's calibration certificate."""
 RULES = (
     "PF is the range of the radial distances of the points from the sphere of least squares with a "
     "free radius, PS its diameter less the calibrated one, SD the distance of both centres less "
@@ -182,7 +185,7 @@ def chapter(found: Certificate, context: Context) -> Chapter:
     ]
     hashes = Table(
         ("raw frames", "sha256"),
-        tuple((source.name, source.sha256) for source in found.provenance.inputs),
+        tuple((_frame(source.name), source.sha256) for source in found.provenance.inputs),
         "Raw frames",
     )
     return Chapter(
@@ -227,6 +230,7 @@ def _artefacts(found: Certificate) -> list[tuple[str, str]]:
                 f"{limit(bar.form_mm)} mm",
             )
         )
+        rows.append(("its calibration", bar.calibration or NOT_STATED))
     if plane is not None:
         rows.append(
             (
@@ -235,7 +239,14 @@ def _artefacts(found: Certificate) -> list[tuple[str, str]]:
                 f"{limit(plane.flatness_mm)} mm, u {sigma_text(plane.flatness_sigma_mm, 'mm')}",
             )
         )
+        rows.append(("its calibration", plane.calibration or NOT_STATED))
     return rows
+
+
+def _frame(name: str) -> str:
+    """A frame without the name of its scan, where its own folder has that name: a line holds it."""
+    scan, sign, file = name.partition(": ")
+    return file if sign and file.startswith(f"{scan}/") else name
 
 
 def verdict(found: Certificate) -> Verdict:
@@ -250,4 +261,4 @@ def verdict(found: Certificate) -> Verdict:
     return Verdict(found.verdict, f"{found.verdict.upper()}: {said}.")
 
 
-describe(Certificate, Kind(figures, words, picture, chapter, verdict=verdict))
+describe(Certificate, Kind(figures, words, picture, chapter, verdict=verdict, head=DEVICE_HEAD))

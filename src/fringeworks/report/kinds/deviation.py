@@ -28,6 +28,7 @@ from fringeworks.report.sheets import Sheet, titled
 from fringeworks.report.summary import origin, told
 from fringeworks.types import PointCloud, Reason, TriangleMesh
 from fringeworks.types.numbers import estimate, limit, number, percent, sigma_text
+from fringeworks.types.report_head import PART_HEAD
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
@@ -240,4 +241,4 @@ def _spots(result: Deviation) -> tuple[Block, ...]:
     return (dict_table(rows, "Dents and bumps, in the model's coordinates"),)
 
 
-describe(Deviation, Kind(figures, words, picture, chapter))
+describe(Deviation, Kind(figures, words, picture, chapter, head=PART_HEAD))

@@ -16,6 +16,7 @@ from fringeworks.report.page.parts import facts
 from fringeworks.report.sheets import titled
 from fringeworks.report.verdicts import Verdict
 from fringeworks.types.numbers import UNKNOWN, limit, number, percent
+from fringeworks.types.report_head import DEVICE_HEAD
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
@@ -225,4 +226,4 @@ def gauge_verdict(kind: str) -> Verdict:
     return Verdict(kind, f"{kind.upper()}: {said}.")
 
 
-describe(GaugeStudy, Kind(figures, words, picture, chapter, verdict=verdict))
+describe(GaugeStudy, Kind(figures, words, picture, chapter, verdict=verdict, head=DEVICE_HEAD))

@@ -19,6 +19,7 @@ from fringeworks.report.page.parts import facts
 from fringeworks.report.sheets import titled
 from fringeworks.report.verdicts import Verdict
 from fringeworks.types.numbers import estimate, limit, number, percent, sigma_text
+from fringeworks.types.report_head import DEVICE_HEAD
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
@@ -184,7 +185,14 @@ def linearity_verdict(found: GaugeLinearity) -> Verdict:
 
 describe(
     GaugeType1,
-    Kind(type1_figures, type1_words, type1_picture, type1_chapter, verdict=type1_verdict),
+    Kind(
+        type1_figures,
+        type1_words,
+        type1_picture,
+        type1_chapter,
+        verdict=type1_verdict,
+        head=DEVICE_HEAD,
+    ),
 )
 describe(
     GaugeLinearity,
@@ -194,5 +202,6 @@ describe(
         linearity_picture,
         linearity_chapter,
         verdict=linearity_verdict,
+        head=DEVICE_HEAD,
     ),
 )

@@ -31,8 +31,9 @@ from fringeworks.report.page.surfaces import surface_block
 from fringeworks.report.sheets import titled
 from fringeworks.report.summary import summarise, told
 from fringeworks.report.verdicts import allowed
-from fringeworks.types import HeightMap, PartTolerance, Provenance, day
+from fringeworks.types import HeightMap, PartTolerance, Provenance, Recipe, day
 from fringeworks.types.numbers import SHARE, UNKNOWN, limit, number, percent, sigma_text
+from fringeworks.types.report_head import PART_HEAD
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
@@ -163,12 +164,12 @@ def _tolerances(result: Inspection) -> tuple[Block, ...]:
         "Tolerances",
         [check.verdict for check in result.checks],
     )
-    return (table, Text(_decision(result.recipe.risk)))
+    return (table, *_datums(result.recipe), Text(_decision(result.recipe.risk)))
 
 
 def _report_row(check: Check) -> tuple[str, ...]:
     one = check.tolerance
-    what = f"{_said(one)}: {', '.join(one.areas)}{_under(one)}"
+    what = f"{_said(one)}: {', '.join(one.areas)}{_under(one)}{_exact(one)}"
     unit = one.unit(check.unit)
     nominal, low, high = (limit(v, unit) for v in (one.target, one.low, one.high))
     value = number(check.value, check.sigma, unit)
@@ -185,6 +186,37 @@ def _said(one: PartTolerance) -> str:
 def _under(one: PartTolerance) -> str:
     """The datums of a tolerance, in their order."""
     return f" to {' | '.join(one.zone.datums)}" if one.zone.datums else ""
+
+
+def _exact(one: PartTolerance) -> str:
+    """The theoretically exact dimensions of a tolerance, and the body that is not a plane."""
+    zone = one.zone
+    said: list[str] = []
+    if zone.body != "plane":
+        said.append(zone.body)
+    if zone.angle_deg is not None:
+        said.append(f"at {limit(zone.angle_deg)}°")
+    if one.quantity == "iso_position":
+        said.append(f"at ({', '.join(limit(v) for v in zone.at_mm)}) mm")
+    if zone.direction is not None:
+        said.append(f"along ({', '.join(limit(v) for v in zone.direction)})")
+    if zone.association != "minimum-zone":
+        said.append(zone.association)
+    if zone.located:
+        said.append("located by the datums")
+    return f"; {', '.join(said)}" if said else ""
+
+
+def _datums(recipe: Recipe) -> tuple[Block, ...]:
+    """What each datum of the tolerances is."""
+    used = dict.fromkeys(name for one in recipe.tolerances for name in one.zone.datums)
+    if not used:
+        return ()
+    rows = []
+    for name in used:
+        one = recipe.datums[name]
+        rows.append((name, " and ".join(one.areas), one.body, one.association))
+    return (Table(("datum", "areas", "body", "association"), tuple(rows), "Datums (ISO 5459)"),)
 
 
 def _decision(risk: float) -> str:
@@ -223,9 +255,10 @@ def _areas(result: Inspection) -> tuple[Block, ...]:
     pictures = []
     for check in result.checks[:MOST_PICTURES]:
         one = check.tolerance
+        datums = " Purple: datums." if one.zone.datums else ""
         caption = (
             f"{one.name}: {_said(one)} of {' and '.join(one.areas)}{_under(one)}. Green: allowed; "
-            "orange: too close to a limit to decide; the bar is U."
+            f"orange: too close to a limit to decide; the bar is U.{datums}"
         )
         pictures.append(Picture(area_picture(result, check, part), caption))
     return tuple(pictures)
@@ -236,4 +269,4 @@ def itself(inspection: Inspection) -> Any:
     return inspection.surface
 
 
-describe(Inspection, Kind(figures, words, picture, chapter, itself))
+describe(Inspection, Kind(figures, words, picture, chapter, itself, head=PART_HEAD))

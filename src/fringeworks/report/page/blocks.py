@@ -19,6 +19,16 @@ class Facts:
 
 
 @dataclass(frozen=True)
+class Head:
+    """The head of a report: fields, and lines to sign on."""
+
+    rows: tuple[tuple[str, str], ...]
+    """Names and texts; an empty text is a line to fill in by hand."""
+    inspector: str | None = None
+    """Who inspects, "" for a line to fill in; None where nobody signs."""
+
+
+@dataclass(frozen=True)
 class Table:
     """A table; all rows have the length of the columns."""
 

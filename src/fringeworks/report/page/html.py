@@ -15,7 +15,7 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 
 from fringeworks.report.drawing import rc_context
-from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface, Table
+from fringeworks.report.page.blocks import Block, Chapter, Head, Picture, Surface, Table
 from fringeworks.report.page.set_table import SHORT_CELL
 from fringeworks.report.verdicts import Verdict
 from fringeworks.report.viewer.page import (
@@ -60,6 +60,7 @@ def page_html(
     *,
     notes: Sequence[str] = (),
     verdict: Verdict | None = None,
+    head: Head | None = None,
 ) -> str:
     """Return the page.
 
@@ -74,6 +75,8 @@ def page_html(
         Shown below the title.
     verdict : Verdict, optional
         Shown on top; None where nothing was judged.
+    head : Head, optional
+        Shown below the verdict.
     """
     turned = any(isinstance(block, Surface) for c in chapters for block in c.blocks)
     style = _asset("report.css") + (viewer_style() if turned else "")
@@ -98,6 +101,7 @@ def page_html(
         chapters=shown,
         notes=notes,
         verdict=verdict,
+        head=head,
         style=style,
         script=script,
         policy=policy,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -16,12 +17,14 @@ from fringeworks.report.page.blocks import (
     Chapter,
     Facts,
     Findings,
+    Head,
     Origin,
     Picture,
     Surface,
     Table,
     Text,
 )
+from fringeworks.report.page.head import head_boxes
 from fringeworks.report.page.pages import Pages, paper_mm
 from fringeworks.report.page.set_table import set_table
 from fringeworks.report.page.typeset import (
@@ -71,6 +74,7 @@ def write_pdf(
     notes: Sequence[str] = (),
     verdict: Verdict | None = None,
     paper: str = USUAL_PAPER,
+    head: Head | None = None,
 ) -> Path:
     """Write chapters as a PDF, whole or not at all."""
     # Dates would make every file differ from the last.
@@ -80,7 +84,9 @@ def write_pdf(
         replacing(path) as temporary,
         Pages(temporary, metadata, paper_mm(paper), title) as pages,
     ):
-        pages.fill(_boxes(_Writer(pages.room_mm), title, chapters, origin, notes, verdict))
+        writer = _Writer(pages.room_mm)
+        top = [*_top(writer, title, origin, notes, verdict), *head_boxes(head, pages.room_mm[0])]
+        pages.fill(itertools.chain(top, _boxes(writer, title, chapters)))
     return path
 
 
@@ -206,15 +212,10 @@ def _beside(boxes: Sequence[Box], width: float) -> Box:
     return Box(max(box.height for box in boxes), draw, GAP_MM, squeeze=squeeze)
 
 
-def _boxes(
-    writer: _Writer,
-    title: str,
-    chapters: Sequence[Chapter],
-    origin: Provenance,
-    notes: Sequence[str],
-    verdict: Verdict | None,
-) -> Iterator[Box]:
-    """The whole document."""
+def _top(
+    writer: _Writer, title: str, origin: Provenance, notes: Sequence[str], verdict: Verdict | None
+) -> list[Box]:
+    """Title, date, verdict and notes."""
     width = writer.room[0]
     head = paragraph(title, TITLE, width)
     head += paragraph(f"fringeworks {origin.version}, {day(origin.date)}", LABEL, width, before=1.0)
@@ -222,7 +223,12 @@ def _boxes(
         head.append(_plate(verdict))
     for note in notes:
         head += paragraph(note, BODY, width, before=1.5)
-    yield from together(head)
+    return together(head)
+
+
+def _boxes(writer: _Writer, title: str, chapters: Sequence[Chapter]) -> Iterator[Box]:
+    """The chapters."""
+    width = writer.room[0]
     for chapter in chapters:
         if len(chapters) > 1 or chapter.title != title:
             heading = paragraph(chapter.title, HEADING, width, before=CHAPTER_MM)

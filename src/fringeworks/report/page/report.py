@@ -13,9 +13,10 @@ from fringeworks.files.read_write import read
 from fringeworks.files.rig import read_rig
 from fringeworks.report.drawing import need_plots
 from fringeworks.report.kind import kind_of
-from fringeworks.report.page.blocks import Chapter
+from fringeworks.report.page.blocks import Chapter, Head
 from fringeworks.report.page.both import compared
 from fringeworks.report.page.chapter import Context, chapter_of
+from fringeworks.report.page.head import head_of
 from fringeworks.report.page.html import page_html
 from fringeworks.report.page.pages import paper_mm
 from fringeworks.report.page.pdf import write_pdf
@@ -49,6 +50,7 @@ def write_report(
     every: int = 1,
     pdf: StrPath | None = None,
     paper: str = "A4",
+    head: Mapping[str, str] | None = None,
 ) -> ReportWritten:
     """Write a report of one or several results.
 
@@ -76,6 +78,10 @@ def write_report(
         A PDF beside the page.
     paper : str
         Paper of a PDF: ``A4`` or ``letter``.
+    head : mapping, optional
+        Fields of the head: customer, order, part, part_number, serial, drawing, revision, device,
+        inspector. They add to those of the recipe of an inspection. A report with a verdict has
+        lines for fields that are not given, and for dates and signatures.
 
     Returns
     -------
@@ -83,8 +89,8 @@ def write_report(
 
     Raises
     ------
-    InputError for something that is no result, and tolerances on figures that a result does not
-    have; FileProblem for files that cannot be read or written.
+    InputError for something that is no result, tolerances on figures that a result does not have,
+    and unknown fields of the head; FileProblem for files that cannot be read or written.
     """
     path = Path(path)
     check_report_target(path)
@@ -109,9 +115,28 @@ def write_report(
     origin = getattr(named[0][1], "provenance", None) if own else None
     origin = origin or made_by("write_report", options={"title": title or None, "every": every})
     targets = (path, *(() if pdf is None else (Path(pdf),)))
+    top = _head_of(named, head or {}, judged=verdict is not None)
     for target in targets:
-        write_page(target, heading, chapters, origin, notes=notes, verdict=verdict, paper=paper)
+        write_page(
+            target,
+            heading,
+            chapters,
+            origin,
+            notes=notes,
+            verdict=verdict,
+            paper=paper,
+            head=top,
+        )
     return ReportWritten(targets, all(one == "pass" for one in verdicts))
+
+
+def _head_of(
+    named: Sequence[tuple[str, Any]], given: Mapping[str, str], *, judged: bool
+) -> Head | None:
+    """The head of a report: what is given, and what the recipe of an inspection says."""
+    recipe = getattr(named[0][1], "recipe", None) if len(named) == 1 else None
+    fields = {**getattr(recipe, "head", {}), **given}
+    return head_of(fields, kind_of(named[0][1]).head, judged=judged)
 
 
 def _own_verdict(result: Any) -> Verdict | None:
@@ -129,14 +154,15 @@ def write_page(
     notes: Sequence[str] = (),
     verdict: Verdict | None = None,
     paper: str = "A4",
+    head: Head | None = None,
 ) -> Path:
     """Write chapters as a page or, for a name that ends with ``.pdf``, as a document."""
     need_plots("a report")
     check_report_target(path)
     place = Path(path)
     if place.suffix.lower() == ".pdf":
-        return write_pdf(place, title, chapters, origin, notes, verdict, paper)
-    page = page_html(title, chapters, origin, notes=notes, verdict=verdict)
+        return write_pdf(place, title, chapters, origin, notes, verdict, paper, head)
+    page = page_html(title, chapters, origin, notes=notes, verdict=verdict, head=head)
     return write_text(place, page)
 
 

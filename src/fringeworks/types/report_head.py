@@ -1,0 +1,51 @@
+"""The head of a report: for whom, of which part, and who signs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from fringeworks.types.errors import InputError
+
+HEAD_FIELDS: Mapping[str, str] = MappingProxyType(
+    {
+        "customer": "customer",
+        "order": "order",
+        "part": "part",
+        "part_number": "part number",
+        "serial": "serial number",
+        "drawing": "drawing",
+        "revision": "drawing revision",
+        "device": "device",
+        "inspector": "inspected by",
+    }
+)
+"""Fields of a report's head, and their words on paper: those of the title block of a drawing
+(ISO 7200:2004), with the serial number, and who inspects with what."""
+PART_HEAD = ("customer", "order", "part", "part_number", "serial", "drawing", "revision")
+"""Fields of a report that judges a part."""
+DEVICE_HEAD = ("customer", "order", "device", "serial")
+"""Fields of a report that judges a measuring device."""
+MOST_LETTERS = 120
+"""Letters of a field: two lines on paper."""
+
+
+def checked_head(head: Mapping[str, str]) -> dict[str, str]:
+    """Return the fields of a head.
+
+    Raises
+    ------
+    InputError for an unknown field, and for text that is empty, longer than 120 letters or not in
+    one line.
+    """
+    for name, text in head.items():
+        if name not in HEAD_FIELDS:
+            known = ", ".join(HEAD_FIELDS)
+            raise InputError(f"head: expected fields of {known}, got {str(name)[:MOST_LETTERS]!r}")
+        good = isinstance(text, str) and text.isprintable() and text.strip()
+        if not good or len(text) > MOST_LETTERS:
+            raise InputError(
+                f"head: expected a line of 1 to {MOST_LETTERS} letters for {name}, got "
+                f"{str(text)[:MOST_LETTERS]!r}"
+            )
+    return dict(head)

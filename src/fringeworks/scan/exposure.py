@@ -106,8 +106,9 @@ def exposure_in(
     amount, good, bright = allowed.least, 0.0, np.inf
     tried: list[Brightness] = []
     best: Brightness | None = None
+    unsteady: list[CameraSettings] = []
     for _ in range(TRIALS):
-        seen = _trial(projector, camera, allowed, amount)
+        seen = _trial(projector, camera, allowed, amount, unsteady)
         _check_obeys(camera, tried[-1] if tried else None, seen)
         # Cameras round their gain: there may be no setting nearer to what is wanted.
         repeated = any(one.settings == seen.settings for one in tried)
@@ -201,21 +202,30 @@ def series_in(
 
 def _sweep(projector: Projector, camera: Camera, allowed: ExposureRange) -> list[Brightness]:
     """Brightness from the least amount of light up, until the darkest pixels are well exposed."""
-    amount, seen = allowed.least, [_trial(projector, camera, allowed, allowed.least)]
+    unsteady: list[CameraSettings] = []
+    amount, seen = allowed.least, [_trial(projector, camera, allowed, allowed.least, unsteady)]
     while (amount := seen[-1].amount * STEP) < allowed.most * STEP / SETTLED:
         light, _ = light_per_ms(seen)
         if light.size and np.quantile(light, DARK_TAIL) * seen[-1].amount >= TARGET / STEP:
             break
-        seen.append(_trial(projector, camera, allowed, min(amount, allowed.most)))
+        seen.append(_trial(projector, camera, allowed, min(amount, allowed.most), unsteady))
         _check_obeys(camera, seen[-2], seen[-1])
     _check_dark(camera, seen[-1], 0.5)
     return seen
 
 
 def _trial(
-    projector: Projector, camera: Camera, allowed: ExposureRange, amount: float
+    projector: Projector,
+    camera: Camera,
+    allowed: ExposureRange,
+    amount: float,
+    unsteady: list[CameraSettings],
 ) -> Brightness:
-    """Brightness at an amount of light, or at the next larger one where white is not seen."""
+    """Brightness at an amount of light, or at the next larger one where white is not seen.
+
+    Settings at which it was not seen are added to ``unsteady``. There the light flickers if larger
+    amounts are too bright, so the second failure at the same settings is the last one.
+    """
     while True:
         asked = allowed.settings(amount)
         got = configured(camera, asked)
@@ -235,8 +245,9 @@ def _trial(
                 raise
             if np.median(grab.pixels) >= CLIPPED_SHARE * full:
                 raise _too_bright(camera, None, allowed) from None
-            if amount >= allowed.most / SETTLED:
+            if amount >= allowed.most / SETTLED or asked in unsteady:
                 raise
+            unsteady.append(asked)
             amount = min(amount * STEP, allowed.most)
 
 

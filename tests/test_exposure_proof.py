@@ -117,7 +117,7 @@ def test_a_bright_projector_is_dimmed_at_one_refresh_period():
 
 
 def test_a_grey_is_chosen_before_six_series_are_filmed():
-    b = small({"fps": 60.0}, white=0.9)
+    b = small({"fps": 60.0}, white=0.8)
     start_s = b.clock.now_s()
     assert exposure_obeys(b.projector, b.camera).obeyed
     # Six series of 1.8 s, and one that shows that white is beyond full scale at two periods.

@@ -201,7 +201,7 @@ def _saturates(
     level = _watch(projector, camera, white_picture(projector)).settled.mean(axis=0)
     bright = level >= LIT_SHARE * np.percentile(level, 99)
     saturated = level >= SATURATED_SHARE * _full_scale(told, camera)
-    return float(np.count_nonzero(saturated)) > (1.0 - MIN_USED_SHARE) * np.count_nonzero(bright)
+    return int(np.sum(saturated)) > (1.0 - MIN_USED_SHARE) * int(np.sum(bright))
 
 
 def _tried(

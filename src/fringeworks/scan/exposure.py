@@ -26,6 +26,10 @@ class TooBright(DeviceProblem):
     """The scene is too bright at the smallest exposure and gain."""
 
 
+class Unsteady(DeviceProblem):
+    """The light flickers at an exposure, and longer ones are too bright."""
+
+
 TARGET = 0.9
 """Brightness of white that exposures aim at, share of full scale: the rest is for noise and for
 lamps that flicker."""
@@ -237,7 +241,7 @@ def _trial(
         )
         try:
             return measure_brightness(projector, camera, settings)
-        except DeviceProblem:
+        except DeviceProblem as error:
             # Black and white are equal if nothing is seen, or if all is saturated.
             grab = camera.grab()
             full = largest_count(settings, grab.pixels.dtype)
@@ -245,7 +249,9 @@ def _trial(
                 raise
             if np.median(grab.pixels) >= CLIPPED_SHARE * full:
                 raise _too_bright(camera, None, allowed) from None
-            if amount >= allowed.most / SETTLED or asked in unsteady:
+            if asked in unsteady:
+                raise Unsteady(str(error)) from error
+            if amount >= allowed.most / SETTLED:
                 raise
             unsteady.append(asked)
             amount = min(amount * STEP, allowed.most)

@@ -10,6 +10,7 @@ import pytest
 from fringeworks import InputError
 from fringeworks.devices.virtual_camera import VirtualCamera
 from fringeworks.scan.agreement import Agreement
+from fringeworks.scan.brightness import measure_brightness
 from fringeworks.scan.exposure import auto_exposure, exposure_series
 from fringeworks.types import CameraSettings, DeviceProblem
 from tests.virtual_devices import Screen, bench
@@ -110,6 +111,22 @@ def test_what_cannot_be_exposed_is_said(scene, camera, said):
     b = bench(camera=camera, scene=scene, seed=2)
     with pytest.raises(DeviceProblem, match=said):
         auto_exposure(b.projector, b.camera)
+
+
+def test_light_that_flickers_is_said_after_two_trials_of_one_exposure(monkeypatch):
+    b = bench(scene=Screen(white=0.5))
+    tried = []
+
+    def measured(projector, camera, settings):
+        tried.append(settings.exposure_ms)
+        if settings.exposure_ms < 30.0:
+            raise DeviceProblem("expected white to be brighter than black and steady")
+        return measure_brightness(projector, camera, settings)
+
+    monkeypatch.setattr("fringeworks.scan.exposure.measure_brightness", measured)
+    with pytest.raises(DeviceProblem, match="brighter than black and steady"):
+        auto_exposure(b.projector, b.camera)
+    assert tried == pytest.approx([PERIOD_MS, 4 * PERIOD_MS, PERIOD_MS])
 
 
 def test_shorter_exposures_only_when_told():

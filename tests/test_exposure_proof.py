@@ -116,6 +116,14 @@ def test_a_bright_projector_is_dimmed_at_one_refresh_period():
     assert found.asked_ms[0] * 60e-3 == pytest.approx(1.0)
 
 
+def test_a_grey_is_chosen_before_six_series_are_filmed():
+    b = small({"fps": 60.0}, white=0.8)
+    start_s = b.clock.now_s()
+    assert exposure_obeys(b.projector, b.camera).obeyed
+    # Six series of 1.8 s, and one that shows that white is beyond full scale at two periods.
+    assert b.clock.now_s() - start_s < 14.0
+
+
 def test_a_curved_response_has_another_ratio():
     b = small(white=0.4)
 

@@ -9,7 +9,7 @@ from fringeworks import PatternPlan
 from fringeworks.patterns import PhaseSteps, equal_steps
 from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.frames import take_frames
-from fringeworks.scan.rhythm import is_whole, measure_ripple, safe_period
+from fringeworks.scan.rhythm import Ripple, is_whole, measure_ripple, safe_period
 from fringeworks.scan.setup import SetupStopped, set_up
 from fringeworks.types import CameraSettings, DeviceProblem
 from tests.light_devices import COLUMNS, PHASES, ROWS, bit_planes, devices, dithered, strobed
@@ -109,6 +109,14 @@ def test_dithering_over_four_refreshes_needs_as_many():
             pytest.approx(1e3 / 30),
             pytest.approx(1e3 / 15),
         )
+
+
+def test_the_present_exposure_is_not_measured_again():
+    shows, films = devices({}, {"exposure_ms": 16.667, "white": 0.4})
+    present = Ripple(16.667, depth=0.05, grey=1.0, white=0.05, significance=50.0)
+    period_ms, tried = safe_period(shows, films, present)
+    assert period_ms == pytest.approx(1e3 / 30)
+    assert [r.exposure_ms for r in tried] == pytest.approx([16.667, 1e3 / 30])
 
 
 def test_whole_periods():

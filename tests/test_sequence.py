@@ -198,6 +198,36 @@ def test_still_scenes_are_unharmed():
         assert np.nanmedian(np.abs(moment.motion.velocity_px["x"])) < 0.01
 
 
+def kinds_on_steps(shown, move_px):
+    """Kinds of the findings on the finest steps, once other cycles are known: of patterns that are
+    really shown, and of a surface that moves along the projector by a function of the time in frames."""
+    rng = np.random.default_rng(8)
+    v, u = np.mgrid[:90, :130].astype(float)
+    place = 120.0 + 1.4 * u + 0.2 * v + 5.0 * np.sin(u / 21.0) * np.cos(v / 26.0)
+    patterns = [(block, k) for block in shown.blocks for k in range(block.frames)]
+    frames = []
+    for t in range(4 * shown.frames):
+        block, k = patterns[t % shown.frames]
+        counts = 12.0 + 150.0 * block.values(place + move_px(t), k)
+        frames.append(np.rint(counts + rng.standard_normal(counts.shape)).astype(np.uint8))
+    moments = fw.stack.decode_sequence(frames, FOUR, every=4)
+    late = [m.decoded.findings for m in moments if m.first_frame >= FOUR.frames]
+    return {one.kind for findings in late for one in findings if "steps of 16 px" in one.seen}
+
+
+def test_steps_that_differ_between_cycles_come_from_motion():
+    assert kinds_on_steps(FOUR, lambda t: 0.6 * np.sin(0.9 * t + 0.7)) == {"motion"}
+
+
+def test_steps_that_are_wrong_in_every_cycle_are_the_projectors():
+    def wrong(block):
+        shifts = tuple(d + e for d, e in zip(block.shifts_rad, (0, 0.03, -0.03, 0), strict=True))
+        return PhaseSteps("x", block.period_px, shifts)
+
+    shown = PatternPlan(WIDTH, HEIGHT, tuple(map(wrong, FOUR.blocks)))
+    assert kinds_on_steps(shown, lambda _: 0.0) == {"steps"}
+
+
 def test_moments_come_as_soon_as_their_motion_is_known():
     frames, _ = taken(still, FOUR, 36, noise=1.0)
     decoder = fw.stack.SequenceDecoder(FOUR)

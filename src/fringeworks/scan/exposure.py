@@ -26,6 +26,10 @@ class TooBright(DeviceProblem):
     """The scene is too bright at the smallest exposure and gain."""
 
 
+class Unsteady(DeviceProblem):
+    """The light flickers at an exposure, and longer ones are too bright."""
+
+
 TARGET = 0.9
 """Brightness of white that exposures aim at, share of full scale: the rest is for noise and for
 lamps that flicker."""
@@ -106,8 +110,9 @@ def exposure_in(
     amount, good, bright = allowed.least, 0.0, np.inf
     tried: list[Brightness] = []
     best: Brightness | None = None
+    unsteady: list[CameraSettings] = []
     for _ in range(TRIALS):
-        seen = _trial(projector, camera, allowed, amount)
+        seen = _trial(projector, camera, allowed, amount, unsteady)
         _check_obeys(camera, tried[-1] if tried else None, seen)
         # Cameras round their gain: there may be no setting nearer to what is wanted.
         repeated = any(one.settings == seen.settings for one in tried)
@@ -201,21 +206,30 @@ def series_in(
 
 def _sweep(projector: Projector, camera: Camera, allowed: ExposureRange) -> list[Brightness]:
     """Brightness from the least amount of light up, until the darkest pixels are well exposed."""
-    amount, seen = allowed.least, [_trial(projector, camera, allowed, allowed.least)]
+    unsteady: list[CameraSettings] = []
+    amount, seen = allowed.least, [_trial(projector, camera, allowed, allowed.least, unsteady)]
     while (amount := seen[-1].amount * STEP) < allowed.most * STEP / SETTLED:
         light, _ = light_per_ms(seen)
         if light.size and np.quantile(light, DARK_TAIL) * seen[-1].amount >= TARGET / STEP:
             break
-        seen.append(_trial(projector, camera, allowed, min(amount, allowed.most)))
+        seen.append(_trial(projector, camera, allowed, min(amount, allowed.most), unsteady))
         _check_obeys(camera, seen[-2], seen[-1])
     _check_dark(camera, seen[-1], 0.5)
     return seen
 
 
 def _trial(
-    projector: Projector, camera: Camera, allowed: ExposureRange, amount: float
+    projector: Projector,
+    camera: Camera,
+    allowed: ExposureRange,
+    amount: float,
+    unsteady: list[CameraSettings],
 ) -> Brightness:
-    """Brightness at an amount of light, or at the next larger one where white is not seen."""
+    """Brightness at an amount of light, or at the next larger one where white is not seen.
+
+    Settings at which it was not seen are added to ``unsteady``. There the light flickers if larger
+    amounts are too bright, so the second failure at the same settings is the last one.
+    """
     while True:
         asked = allowed.settings(amount)
         got = configured(camera, asked)
@@ -227,7 +241,7 @@ def _trial(
         )
         try:
             return measure_brightness(projector, camera, settings)
-        except DeviceProblem:
+        except DeviceProblem as error:
             # Black and white are equal if nothing is seen, or if all is saturated.
             grab = camera.grab()
             full = largest_count(settings, grab.pixels.dtype)
@@ -235,8 +249,11 @@ def _trial(
                 raise
             if np.median(grab.pixels) >= CLIPPED_SHARE * full:
                 raise _too_bright(camera, None, allowed) from None
+            if asked in unsteady:
+                raise Unsteady(str(error)) from error
             if amount >= allowed.most / SETTLED:
                 raise
+            unsteady.append(asked)
             amount = min(amount * STEP, allowed.most)
 
 

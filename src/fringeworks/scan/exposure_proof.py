@@ -135,7 +135,7 @@ def exposure_obeys(
 
     Black and white are filmed at two exposures, the shorter one twice. White minus black must have
     the ratio of the exposures, over the pixels that the projector lights and that are not
-    saturated. Takes 11 s, more where the exposure must be changed until brightness is right.
+    saturated. Takes 13 s, more where the exposure must be changed until brightness is right.
 
     Parameters
     ----------
@@ -167,6 +167,8 @@ def exposure_obeys(
     reason = ""
     white = white_picture(projector)
     try:
+        if periods == 1.0 and _saturates(projector, camera, RATIO * period_ms, bounds):
+            white = white // 2
         for _ in range(MAX_TRIES):
             short_ms = periods * period_ms
             if short_ms < bounds[0] or RATIO * short_ms > bounds[1]:
@@ -189,6 +191,19 @@ def _no_exposure(bounds: tuple[float, float]) -> str:
     return f"expected exposures of several ms, got limits of {bounds[0]:g} to {bounds[1]:g} ms"
 
 
+def _saturates(
+    projector: Projector, camera: Camera, exposure_ms: float, bounds: tuple[float, float]
+) -> bool:
+    """Whether white is beyond full scale at the longer exposure, so that a grey is shown."""
+    if not bounds[0] <= exposure_ms <= bounds[1]:
+        return False
+    told = camera.configure(CameraSettings(exposure_ms=exposure_ms))
+    level = _watch(projector, camera, white_picture(projector)).settled.mean(axis=0)
+    bright = level >= LIT_SHARE * np.percentile(level, 99)
+    saturated = level >= SATURATED_SHARE * _full_scale(told, camera)
+    return int(np.sum(saturated)) > (1.0 - MIN_USED_SHARE) * int(np.sum(bright))
+
+
 def _tried(
     projector: Projector, camera: Camera, short_ms: float, white: NDArray[Any]
 ) -> ExposureProof | _Unfit:
@@ -200,6 +215,11 @@ def _tried(
         told.append(camera.configure(CameraSettings(exposure_ms=exposure_ms)))
         black = _watch(projector, camera, black_picture(projector))
         filmed.append((black, _watch(projector, camera, white)))
+        if len(filmed) == 2 and _drift(filmed) <= MAX_DRIFT:
+            # Without a drift, saturation shows before the shorter exposure is filmed again.
+            _, share = _used_pixels(filmed, _full_scale(told[0], camera))
+            if share < MIN_USED_SHARE:
+                return _saturated(share)
     read_back = told[0].exposure_ms, told[1].exposure_ms
     drift = _drift(filmed)
     series = tuple(watched.means for both in filmed for watched in both)
@@ -208,11 +228,7 @@ def _tried(
         return ExposureProof("automatic", asked, read_back, expected, nan, nan, drift, nan, series)
     used, share = _used_pixels(filmed, _full_scale(told[0], camera))
     if share < MIN_USED_SHARE:
-        reason = (
-            f"expected white below full scale, got {100 * (1 - share):.0f} % of the lit pixels "
-            "saturated: close the aperture, or dim the projector"
-        )
-        return _Unfit(reason, 0.5)
+        return _saturated(share)
     contrasts = [_contrast(dark, lit, used) for dark, lit in filmed]
     if contrasts[0][0] < MIN_CONTRAST_COUNTS:
         reason = (
@@ -229,6 +245,14 @@ def _tried(
         )
         return _Unfit(reason, 1.0)
     return replace(proof, series=series)
+
+
+def _saturated(used_share: float) -> _Unfit:
+    return _Unfit(
+        f"expected white below full scale, got {100 * (1 - used_share):.0f} % of the lit pixels "
+        "saturated: close the aperture, or dim the projector",
+        0.5,
+    )
 
 
 def _judged(

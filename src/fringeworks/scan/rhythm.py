@@ -217,6 +217,8 @@ def safe_period(
         # What is at the camera's limit at one exposure is so at longer ones.
         if not low <= part * refresh_ms <= high or (part > 1.0 and not seen):
             return False
+        if abs(part * refresh_ms - present.exposure_ms) <= ROUNDED_SHARE * present.exposure_ms:
+            return present.steady
         camera.configure(_compensated(settings, part * refresh_ms, limits.gain_db))
         tried.append(measure_ripple(projector, camera))
         return tried[-1].steady

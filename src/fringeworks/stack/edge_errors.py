@@ -152,12 +152,13 @@ def _steepness(map_: _Map, shape: tuple[int, int], lines: bool) -> FloatMap:
         )
 
     with np.errstate(invalid="ignore"):
+        noise = STEEP_NOISE * np.maximum(at(map_.sigma, 0), TINY)
         for way in (1,) if lines else (1, map_.stride):
             rises = [at(map_.coordinate, k * way) - at(map_.coordinate, -k * way) for k in (1, 3)]
             if np.isfinite(map_.repeats):
                 rises = [rise - map_.repeats * np.round(rise / map_.repeats) for rise in rises]
             excess = np.abs(rises[0] - rises[1] / 3.0)
-            np.fmax(most, excess / (STEEP_NOISE * np.maximum(at(map_.sigma, 0), TINY)), out=most)
+            np.fmax(most, excess / noise, out=most)
     return most
 
 
@@ -192,18 +193,41 @@ def _widened(chosen: BoolMap, lines: bool, reach_px: int = BESIDE_PX) -> BoolMap
     return found
 
 
-def _residuals(
-    map_: _Map, here: Indices, way: int, behind: range
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Distances of pixels from what those behind them extrapolate to, and their variances."""
-    order = 3 if len(behind) >= CURVED else 2
-    weights = np.linalg.pinv(np.vander(behind, order, increasing=True))[0]
-    residual, noise = np.zeros(here.size), map_.sigma[here] ** 2
-    for distance, weight in zip(behind, weights, strict=True):
-        there = here - distance * way
-        residual -= weight * map_.rise(there, here)
-        noise = noise + (weight * map_.sigma[there]) ** 2
-    return residual, noise
+class _Behind(NamedTuple):
+    """What is behind pixels on one side, by the distance in px."""
+
+    rise: dict[int, NDArray[np.float64]]
+    sigma: dict[int, NDArray[np.float64]]
+    level: dict[int, NDArray[np.float64]]
+
+    @classmethod
+    def of(cls, map_: _Map, here: Indices, way: int, level: NDArray[np.float64]) -> _Behind:
+        there = {k: here - k * way for k in range(1, max(map(max, BEHIND)) + 1)}
+        return cls(
+            {k: map_.rise(one, here) for k, one in there.items()},
+            {k: map_.sigma[one] for k, one in there.items()},
+            {k: level[one] for k, one in there.items()},
+        )
+
+    def residuals(
+        self, own: NDArray[np.float64], behind: range
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Distances of pixels of variance ``own`` from what some pixels behind them extrapolate to,
+        and their variances."""
+        order = 3 if len(behind) >= CURVED else 2
+        weights = np.linalg.pinv(np.vander(behind, order, increasing=True))[0]
+        residual, noise = np.zeros(own.size), own.copy()
+        for distance, weight in zip(behind, weights, strict=True):
+            residual -= weight * self.rise[distance]
+            noise += (weight * self.sigma[distance]) ** 2
+        return residual, noise
+
+    def worst(self, behind: range) -> NDArray[np.float64]:
+        """The largest level of some pixels behind; NaN where one is unknown."""
+        worst = self.level[behind[0]]
+        for k in behind[1:]:
+            worst = np.maximum(worst, self.level[k])
+        return worst
 
 
 def _cleaner(
@@ -212,23 +236,22 @@ def _cleaner(
     """Distances of pixels from what one of both sides along an axis extrapolates to, the less mixed
     one, and their variances; NaN where neither side tells."""
     chosen, variance = np.full((2, here.size), np.nan)
-    least = np.full(here.size, np.inf)
+    least, own = np.full(here.size, np.inf), map_.sigma[here] ** 2
     for side in (way, -way):
+        there = _Behind.of(map_, here, side, level)
         residual, noise, mixed = np.full((3, here.size), np.nan)
         for behind in BEHIND:
-            seen, by_noise = _residuals(map_, here, side, behind)
+            seen, by_noise = there.residuals(own, behind)
             with np.errstate(invalid="ignore"):
                 good = np.abs(seen) < most
-            residual[good], noise[good] = seen[good], by_noise[good]
-            worst = np.max([level[here - k * side] for k in behind], axis=0)
-            mixed[good] = worst[good]
+            np.copyto(residual, seen, where=good)
+            np.copyto(noise, by_noise, where=good)
+            np.copyto(mixed, there.worst(behind), where=good)
         with np.errstate(invalid="ignore"):
             better = mixed < least
-        chosen[better], variance[better], least[better] = (
-            residual[better],
-            noise[better],
-            mixed[better],
-        )
+        np.copyto(chosen, residual, where=better)
+        np.copyto(variance, noise, where=better)
+        np.copyto(least, mixed, where=better)
     return chosen, variance
 
 

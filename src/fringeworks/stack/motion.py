@@ -152,10 +152,14 @@ def warped(frame: NDArray[Any], flow_px: FloatMap | None, time: float) -> FloatM
 def moved_back(frame: NDArray[Any], motion: Motion, time: float) -> FloatMap:
     """Return a frame as it would be ``time`` frames earlier: without the motion across the image
     and the change of brightness; that along the projector stays."""
-    still = warped(frame, motion.flow_px, time)
-    if motion.brightening is not None and time != 0:
-        still /= np.float32(1.0) + np.float32(time) * motion.brightening
-    return still
+    return lit_evenly(warped(frame, motion.flow_px, time), motion, time)
+
+
+def lit_evenly(still: FloatMap, motion: Motion, time: float) -> FloatMap:
+    """Return a frame as it would be ``time`` frames earlier without the change of brightness."""
+    if motion.brightening is None or time == 0:
+        return still
+    return np.asarray(still / (np.float32(1.0) + np.float32(time) * motion.brightening))
 
 
 def taken_out(

@@ -9,7 +9,7 @@ standard deviation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -39,6 +39,11 @@ STEP_ERROR_RAD = 0.005
 like a velocity."""
 LEAST_WEIGHT = 1e-3
 """Largest probability over the image below which a hypothesis is left out."""
+LEAST_SHARE = 1e-6
+"""Probability at a block below which a hypothesis is left out there. All that are left out together
+move the place at a block by less than 1e-4 of its motion beside a straight one."""
+FACTORS = 8
+"""Variances that are multiplied before a logarithm is taken: up to 1e30 each, none overflows."""
 POOLED = 3
 """Blocks along each side whose mean logarithm of the likelihood weighs the hypotheses: neighbours
 move alike, and so are no independent evidence."""
@@ -176,12 +181,14 @@ class _Hypothesis:
     """(blocks,): its probability."""
     alike: BoolMap
     """(blocks,): whether the frames look as with a vibration of its period."""
+    at: NDArray[np.intp]
+    """(n,): the blocks where it matters."""
     solved: FloatMap
-    """(m, blocks): inverse covariance of the observations times the observations."""
+    """(m, n): inverse covariance of the observations times the observations."""
     basis: NDArray[np.float64]
     """(m, m): eigenvectors of the covariance over the noise's."""
     spread: FloatMap
-    """(m, blocks): eigenvalues of the inverse covariance."""
+    """(m, n): eigenvalues of the inverse covariance."""
 
 
 class MotionPath:
@@ -206,14 +213,26 @@ class MotionPath:
         self._usual = np.median(variance, axis=1) + JITTER
         self._noisy = np.median(variance / self._usual[:, None], axis=0)
         self._kept = self._weighed()
+        blocks = self._seen.shape[1]
+        self._slots: list[NDArray[np.intp]] = []
+        """Place of each hypothesis among those of each block where it matters."""
+        used = np.zeros(blocks, np.intp)
+        for one in self._kept:
+            self._slots.append(used[one.at].copy())
+            used[one.at] += 1
+        self._weight = np.zeros((blocks, used.max()))
+        """Probabilities of the hypotheses of each block; their sum is 1."""
+        self._alike = np.zeros(self._weight.shape, bool)
+        for one, slot in zip(self._kept, self._slots, strict=True):
+            self._weight[one.at, slot] = one.weight[one.at]
+            self._alike[one.at, slot] = one.alike[one.at]
+        self._weight /= self._weight.sum(axis=1, keepdims=True)
 
-    def _covariance(
-        self, kind: _Kind, one: NDArray[np.float64], other: NDArray[np.float64]
+    def _straight(
+        self, one: NDArray[np.float64], other: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Covariance of the places at times."""
-        straight = self._fastest**2 * np.outer(one - self._middle, other - self._middle)
-        kernel = kind.kernel(one[:, None] - other[None, :], self._cycle)
-        return np.asarray(straight + kind.size_px**2 * kernel)
+        """Covariance of the places at times by a straight motion."""
+        return np.asarray(self._fastest**2 * np.outer(one - self._middle, other - self._middle))
 
     def _weighed(self) -> list[_Hypothesis]:
         """The hypotheses that matter, with their probabilities."""
@@ -240,8 +259,9 @@ class MotionPath:
 
     def _eigen(self, kind: _Kind) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Eigenvalues and eigenvectors of the observations' covariance over that of their noise."""
-        weights, scale = self._found.weights, self._usual**-0.5
-        places = self._covariance(kind, self._times, self._times)
+        weights, scale, times = self._found.weights, self._usual**-0.5, self._times
+        kernel = kind.kernel(times[:, None] - times[None, :], self._cycle)
+        places = self._straight(times, times) + kind.size_px**2 * kernel
         total = weights @ places @ weights.T + self._found.steps
         values, vectors = np.linalg.eigh(scale[:, None] * total * scale)
         return np.maximum(values, 0.0), scale[:, None] * vectors
@@ -254,7 +274,10 @@ class MotionPath:
         for unsure in UNSURE:
             spread = values[:, None] + unsure * self._noisy
             misfit = np.sum(square / spread, axis=0)
-            found.append((-0.5 * (misfit + np.sum(np.log(spread), axis=0)), misfit))
+            # Logarithms take longer than everything else: one of each product is enough.
+            starts = np.arange(0, len(values), FACTORS)
+            products = np.multiply.reduceat(spread, starts, axis=0)
+            found.append((-0.5 * (misfit + np.sum(np.log(products), axis=0)), misfit))
         return found
 
     def _pooled(self, log: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -267,10 +290,10 @@ class MotionPath:
         self, kind: _Kind, unsure: float, weight: NDArray[np.float64], alike: BoolMap
     ) -> _Hypothesis:
         values, basis = self._eigen(kind)
-        spread = 1.0 / (values[:, None] + unsure * self._noisy)
-        return _Hypothesis(
-            kind, weight, alike, basis @ (spread * (basis.T @ self._seen)), basis, spread
-        )
+        at = np.flatnonzero((weight > LEAST_SHARE) | alike)
+        spread = 1.0 / (values[:, None] + unsure * self._noisy[at])
+        solved = basis @ (spread * (basis.T @ self._seen[:, at]))
+        return _Hypothesis(kind, weight, alike, at, solved, basis, spread)
 
     def of(
         self, rows: NDArray[np.float64], times: NDArray[np.float64], unsure: int
@@ -292,45 +315,63 @@ class MotionPath:
         assumed beforehand. A vibration is smaller in the frames than at a moment, by what their
         exposure averages out. How long that is, is not known; this is contained as well.
         """
-        mean, places, variances = np.zeros((len(rows), self._seen.shape[1])), [], []
+        mean = np.zeros((len(rows), self._seen.shape[1]))
+        places, variances = np.zeros((2, unsure, *self._weight.shape))
         averaged = np.zeros((unsure, self._seen.shape[1]))
-        total = np.sum([one.weight for one in self._kept], axis=0)
-        for one in self._kept:
-            to_seen = rows @ self._covariance(one.kind, times, self._times) @ self._found.weights.T
+        sums = self._covariances(rows, times)
+        for one, slot in zip(self._kept, self._slots, strict=True):
+            if not one.at.size:
+                continue
+            to_seen, bent, own = sums(one.kind)
+            weight = self._weight[one.at, slot]
             place = to_seen @ one.solved
-            mean += one.weight * place
-            last = rows[-unsure:]
-            own = np.sum(last @ self._covariance(one.kind, times, times) * last, axis=1)
+            mean[:, one.at] += weight * place
             told = (to_seen[-unsure:] @ one.basis) ** 2 @ one.spread
-            places.append(place[-unsure:])
-            variances.append(np.maximum(own[:, None] - told, 0.0))
+            places[:, one.at, slot] = place[-unsure:]
+            variances[:, one.at, slot] = np.maximum(own[-unsure:, None] - told, 0.0)
             if one.kind.averaged >= LEAST_AVERAGED:
-                averaged += one.weight * self._averaged(one, last, times)
-        mean /= total
-        sigma = self._deviations(np.stack(places) - mean[-unsure:], np.stack(variances), total)
-        sigma = np.sqrt(sigma**2 + averaged / total)
+                # What exposures average out of a vibration.
+                less = one.kind.averaged * (bent[-unsure:] @ one.solved)
+                averaged[:, one.at] += weight * less**2
+        sigma = self._deviations(places - mean[-unsure:, :, None], variances)
+        sigma = np.sqrt(sigma**2 + averaged)
         return mean.reshape(-1, *self._shape), sigma.reshape(-1, *self._shape)
 
-    def _averaged(
-        self, one: _Hypothesis, rows: NDArray[np.float64], times: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Variance of sums of places by what exposures average out of a vibration, (q, blocks)."""
-        kernel = one.kind.kernel(times[:, None] - self._times[None, :], self._cycle)
-        place = one.kind.size_px**2 * (rows @ kernel @ self._found.weights.T) @ one.solved
-        return np.asarray((one.kind.averaged * place) ** 2)
+    def _covariances(
+        self, rows: NDArray[np.float64], times: NDArray[np.float64]
+    ) -> Callable[[_Kind], tuple[NDArray[np.float64], ...]]:
+        """Covariances of sums of places with the observations, the part of them that is not by a
+        straight motion, and the variances of the sums, for each kind of motion."""
+        every = np.concatenate((self._times, times))
+        count, apart = len(self._times), times[:, None] - every
+
+        def parts(covariance: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+            summed = rows @ covariance
+            return summed[:, :count] @ self._found.weights.T, np.sum(summed[:, count:] * rows, 1)
+
+        straight, own = parts(self._straight(times, every))
+        courses: dict[tuple[float, float], tuple[NDArray[np.float64], ...]] = {}
+
+        def of(kind: _Kind) -> tuple[NDArray[np.float64], ...]:
+            course = kind.period, kind.stays
+            if course not in courses:
+                courses[course] = parts(kind.kernel(apart, self._cycle))
+            bent, more = (kind.size_px**2 * part for part in courses[course])
+            return straight + bent, bent, own + more
+
+        return of
 
     def _deviations(
-        self, off: NDArray[np.float64], variance: NDArray[np.float64], total: NDArray[np.float64]
+        self, off: NDArray[np.float64], variance: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Standard deviations of places, from each hypothesis's distance to their mean and
-        variance, (hypotheses, q, blocks), and the sum of the weights of every block."""
-        weight = np.stack([one.weight for one in self._kept])[:, None] / total
+        variance, (q, blocks, hypotheses)."""
         square = variance + off**2
-        second = np.sum(weight * square, axis=0)
-        far = _quantile(np.sqrt(square), weight)
-        alike = np.stack([one.alike for one in self._kept])[:, None]
-        reach = ALIKE_MARGIN * np.abs(off) + 2.0 * np.sqrt(variance)
-        far = np.maximum(far, np.max(np.where(alike, reach, 0.0), axis=0))
+        second = np.sum(self._weight * square, axis=-1)
+        far = _quantile(np.sqrt(square), self._weight)
+        if self._alike.any():
+            reach = ALIKE_MARGIN * np.abs(off) + 2.0 * np.sqrt(variance)
+            far = np.maximum(far, np.max(np.where(self._alike, reach, 0.0), axis=-1))
         return np.asarray(np.maximum(np.sqrt(second), 0.5 * far))
 
     @property
@@ -369,11 +410,9 @@ def _alike(
 
 
 def _quantile(far: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance within which ``WITHIN`` of the weight along the first axis is."""
-    # Sorting is quicker along the last axis, whose values lie side by side in memory.
-    far = np.ascontiguousarray(np.moveaxis(far, 0, -1))
+    """Distance within which ``WITHIN`` of the weight along the last axis is."""
     order = np.argsort(far, axis=-1)
-    own = np.broadcast_to(np.moveaxis(weight, 0, -1), far.shape)
+    own = np.broadcast_to(weight, far.shape)
     sums = np.cumsum(np.take_along_axis(own, order, axis=-1), axis=-1)
     place = np.argmax(sums >= WITHIN, axis=-1)[..., None]
     nearest = np.take_along_axis(order, place, axis=-1)

@@ -16,8 +16,9 @@ from fringeworks.stack.motion import (
     Motion,
     fit_moving,
     late_frames,
-    moved_back,
+    lit_evenly,
     phase_sets,
+    warped,
 )
 from fringeworks.stack.motion_code import code_distance, code_of
 from fringeworks.types import Axis, BoolMap, FloatMap, FramesContradictPlan
@@ -112,7 +113,7 @@ def motion_between(
     across the image is taken where it leaves smaller residuals.
     """
     shape = one[0].shape
-    across = _Pair(one, other, plan)
+    across = _Pair(one, other, plan).along(None)
     known = acceleration_px or {}
     straight = Motion({a: np.zeros(shape, np.float32) for a in plan.axes}, None, known)
     for _ in range(PASSES):
@@ -125,8 +126,9 @@ def motion_between(
     if flow is None:
         return straight, straight.velocity_px
     flowing = replace(straight, flow_px=flow / np.float32(plan.frames), brightening=None)
-    flowing = replace(flowing, velocity_px=_velocities(across.fits(flowing), plan))
-    flowing, moved, _ = across.with_light(flowing, level_noise)
+    back = across.along(flowing.flow_px)
+    flowing = replace(flowing, velocity_px=_velocities(back.fits(flowing), plan))
+    flowing, moved, _ = back.with_light(flowing, level_noise)
     return _chosen(flowing, straight, _better(moved, fits, across.freedom)), straight.velocity_px
 
 
@@ -164,10 +166,10 @@ class _Fits:
 
 @dataclass(frozen=True)
 class _Pair:
-    """The frames of two successive cycles."""
+    """The frames of two successive cycles, without the motion across the image."""
 
-    one: Planes
-    other: Planes
+    one: list[FloatMap]
+    other: list[FloatMap]
     plan: PatternPlan
 
     @property
@@ -180,17 +182,29 @@ class _Pair:
         """Degrees of freedom of the residuals of both cycles."""
         return 2 * sum(block.frames - 3 for _, block in phase_sets(self.plan))
 
+    def along(self, flow_px: FloatMap | None) -> _Pair:
+        """The frames moved back along a flow to the middle of both cycles."""
+        count = self.plan.frames
+        cycles = [
+            [warped(frame, flow_px, start + k - count + 0.5) for k, frame in enumerate(frames)]
+            for frames, start in ((self.one, 0), (self.other, count))
+        ]
+        return replace(self, one=cycles[0], other=cycles[1])
+
     def with_light(
         self, motion: Motion, noise: float
     ) -> tuple[Motion, _Fits, tuple[FloatMap, FloatMap]]:
         """Add the change of brightness to a motion; its fits, and the backgrounds before."""
-        before, after = self.fits(motion).backgrounds
+        fits = self.fits(motion)
+        before, after = fits.backgrounds
         mean, change = 0.5 * (before + after), after - before
         with np.errstate(invalid="ignore", divide="ignore"):
             rate = change / (np.float32(self.plan.frames) * mean)
             clear = (np.abs(change) > CLEAR_SIGMAS * noise) & (np.abs(change) < MOST_CHANGE * mean)
-        motion = replace(motion, brightening=np.where(clear, rate, np.float32(0.0)))
-        motion = replace(motion, velocity_px=_velocities(self.fits(motion), self.plan))
+        if clear.any():
+            motion = replace(motion, brightening=np.where(clear, rate, np.float32(0.0)))
+            fits = self.fits(motion)
+        motion = replace(motion, velocity_px=_velocities(fits, self.plan))
         return motion, self.fits(motion), (before, after)
 
     def fits(self, motion: Motion) -> _Fits:
@@ -205,7 +219,7 @@ class _Pair:
             background = np.zeros_like(square)
             for first, block in phase_sets(self.plan):
                 part = range(first, first + block.frames)
-                samples = [moved_back(frames[k], motion, start + k - middle) for k in part]
+                samples = [lit_evenly(frames[k], motion, start + k - middle) for k in part]
                 # Velocities hold at the time of the sets that they come from.
                 late = late_frames(self.plan, block.axis)
                 times = [start + k - middle - late for k in part]
@@ -231,7 +245,7 @@ class _Pair:
             return {}
         count = self.plan.frames
         one, other = (
-            [moved_back(frame, motion, start + k - count + 0.5) for k, frame in enumerate(frames)]
+            [lit_evenly(frame, motion, start + k - count + 0.5) for k, frame in enumerate(frames)]
             for frames, start in ((self.one, 0), (self.other, count))
         )
         found = {axis: code_distance(one, other, self.plan, axis) for axis in self.plan.axes}

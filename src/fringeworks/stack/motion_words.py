@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from fringeworks.stack.examine import Judgement
+from fringeworks.stack.kernel_settings import PhaseFrames
 from fringeworks.stack.motion_path import LIKELY
+from fringeworks.stack.real_frames import RealFrames
+from fringeworks.stack.shifts import step_errors
 from fringeworks.stack.unmeasured import LARGE_SHARE
 from fringeworks.types import BoolMap, CoordinateMap, Finding, FloatMap
 from fringeworks.types.numbers import number, percent, sigma_text
@@ -18,6 +24,9 @@ SAME_PERIOD = 0.2
 """Relative difference of periods up to which they are one: a few cycles do not tell them apart."""
 CYCLES_PER_PERIOD = 4
 """Cycles of the plan per period of a vibration that follow it surely."""
+OTHER_STEPS = 0.5
+"""Change of the errors of phase steps from one cycle to another, over the largest of them, from
+which on they come from motion. The steps of a projector are the same in every cycle."""
 FASTER = 2
 """Factor on the frame rate that is advised where motion is slow: it halves the way in a cycle."""
 
@@ -78,6 +87,52 @@ def unsteady(
         axis=found.axis,
         figures=figures,
     )
+
+
+def of_motion(
+    judged: Judgement, others: Sequence[Judgement], labels: Sequence[str]
+) -> tuple[Finding, ...]:
+    """The findings of a judgement, with motion as the cause of steps that differ between cycles.
+
+    Parameters
+    ----------
+    judged : Judgement
+    others : Judgement
+        Those of frames of other cycles.
+    labels : str
+        Labels of the frames of the plan.
+    """
+    found = []
+    for one in judged.findings:
+        axis = one.axis
+        if one.kind == "steps" and axis is not None:
+            sets = judged.axes[axis].decoding.sets
+            named = [tuple(labels[k] for k in phases.frames) for phases in sets]
+            number = named.index(one.frames)
+            own = _step_errors(sets[number])
+            there = [_step_errors(other.axes[axis].decoding.sets[number]) for other in others]
+            if any(np.abs(off - own).max() > OTHER_STEPS * np.abs(own).max() for off in there):
+                one = _moving(one)
+        found.append(one)
+    return tuple(found)
+
+
+def _moving(finding: Finding) -> Finding:
+    return replace(
+        finding,
+        kind="motion",
+        seen=f"{finding.seen}; they are others in another cycle",
+        causes=("motion or vibration while the frames of a set are taken", "wrong steps besides"),
+        advice="keep the scene at rest or take the frames faster",
+    )
+
+
+def _step_errors(phases: PhaseFrames) -> NDArray[np.float64]:
+    """Errors of the steps of a set, rad; 0 where none are reported."""
+    planned = np.asarray(phases.shifts_rad)
+    if not phases.design or phases.unsure:
+        return np.zeros(planned.size)
+    return step_errors(RealFrames(np.array(phases.design)).shifts_rad, planned)
 
 
 def _periods(vibrations: Mapping[float, FloatMap], unsure: BoolMap) -> list[float]:

@@ -27,7 +27,7 @@ from fringeworks.stack.kernel_settings import Limits, empty_maps
 from fringeworks.stack.motion import Motion, moment_of, taken_out
 from fringeworks.stack.motion_search import motion_between
 from fringeworks.stack.motion_track import MotionTrack
-from fringeworks.stack.motion_words import unsteady
+from fringeworks.stack.motion_words import of_motion, unsteady
 from fringeworks.stack.order_tracking import expected_later, track_orders
 from fringeworks.stack.sample import take_sample
 from fringeworks.types import (
@@ -53,6 +53,9 @@ FEWEST_CYCLES = 2
 JUDGED_CYCLES = 0.5
 """Distance of the moments whose frames are judged anew, cycles of the plan. Two such moments have
 all frames of those between, which need no judgement of their own where both agree with the plan."""
+
+REMEMBERED = 6
+"""Judgements that are remembered: those of three cycles, two in each."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -192,7 +195,8 @@ class SequenceDecoder:
             )
         check_every(every)
         self._plan, self._labels = plan, plan.labels()
-        self._decodings = decodings_of(plan_with_light(plan), True, None)
+        lit = plan_with_light(plan)
+        self._decodings, self._lit_labels = decodings_of(lit, True, None), lit.labels()
         self._noise, self._every = noise, int(every)
         self._saturation, self._min_modulation = saturation, min_modulation
         self._count_step = checked_count_step(count_step)
@@ -210,6 +214,8 @@ class SequenceDecoder:
         """First frames of two moments that are judged; those between take the nearer judgement."""
         self._ends: dict[int, Judgement | None] = {}
         """The judgements of both; None where the frames contradict the plan."""
+        self._judged_at: deque[tuple[int, Judgement]] = deque(maxlen=REMEMBERED)
+        """The last judgements, with the first frames of their moments."""
         self._ready: dict[int, _Still] = {}
         """Frames of moments to come that were judged."""
 
@@ -319,7 +325,7 @@ class SequenceDecoder:
             x=maps.get("x"),
             y=maps.get("y"),
             noise=judged.noise,
-            findings=(*judged.findings, *self._unsteady(maps, motion)),
+            findings=(*self._findings(judged), *self._unsteady(maps, motion)),
             details=judged.details,
         )
         time = float(moment_of(start, self._plan.frames))
@@ -386,9 +392,20 @@ class SequenceDecoder:
         """The judgement of a moment; None where its frames contradict the plan."""
         try:
             still = self._still(start)
-            return self._judged(still.planes, still.lit)
+            judged = self._judged(still.planes, still.lit)
         except FramesContradictPlan:
             return None
+        self._judged_at.append((start, judged))
+        return judged
+
+    def _findings(self, judged: Judgement) -> tuple[Finding, ...]:
+        """The findings of a judgement; those on steps also by the judgements of other cycles."""
+        starts = [start for start, one in self._judged_at if one is judged]
+        if not starts:
+            return judged.findings
+        cycle = self._plan.frames
+        others = [one for start, one in self._judged_at if abs(start - starts[0]) >= cycle]
+        return of_motion(judged, others, self._lit_labels)
 
     def _beside(self, start: int, last: int) -> tuple[Judgement, bool] | None:
         """The judgement of the moment before, if one after it agrees with the plan too and both

@@ -62,7 +62,8 @@ def mean_square_errors(
     likelihood = np.exp(-0.5 * residuals**2 / total) / np.sqrt(total)
     shares = np.full(len(variances), 1.0 / len(variances))
     for _ in range(ROUNDS):
-        counts = _posterior(shares, likelihood).sum(axis=1)
+        # The sums of the posteriors, without an array of them.
+        counts = shares * (likelihood @ (1.0 / np.maximum(shares @ likelihood, TINY)))
         counts[0] += FREE
         shares = counts / counts.sum()
     posterior, gain = _posterior(shares, likelihood), variances / total

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fringeworks.devices.protocols import Camera, Projector
-from fringeworks.scan.exposure import TooBright, TooDark, auto_exposure, exposure_in
+from fringeworks.scan.exposure import TooBright, TooDark, Unsteady, auto_exposure, exposure_in
 from fringeworks.scan.exposure_proof import ExposureProof, exposure_obeys
 from fringeworks.scan.exposure_range import shorter_ranges
 from fringeworks.types import CameraSettings, DeviceProblem, Finding, Frozen, InputError
@@ -60,6 +60,9 @@ def check_exposure(projector: Projector, camera: Camera, wanted: CameraSettings)
             found += [] if bright is None else [_shortened(settings, bright)]
         except (TooDark, TooBright) as error:
             # The camera is at the end of its range, where it sees as much as it can.
+            settings, problem = camera.configure(CameraSettings()), error
+        except Unsteady as error:
+            # The light in time is measured at this exposure, and steady ones are looked for.
             settings, problem = camera.configure(CameraSettings()), error
         except InputError as error:
             settings, problem = _put_back(camera, before), error

@@ -186,8 +186,8 @@ def test_ambiguous_orders_along_both_axes_are_compared_with_their_like(call):
 
     decoder = fw.stack.Decoder(plan, rig.camera.shape, rig=rig)
     measure = getattr(decoder, call)
-    measure(weak(80, 1))
-    measure(weak(80, 2))
+    measure(weak(60, 1))
+    measure(weak(60, 2))
     assert not decoder.judged
     measure(weak(200, 3))
     assert decoder.judged

@@ -38,7 +38,7 @@ from fringeworks.stack.kernel_settings import (
     reused_maps,
 )
 from fringeworks.stack.local_errors import inflation
-from fringeworks.stack.neighbours import maps_of_votes, vote, worth_voting
+from fringeworks.stack.neighbours import UNKNOWN_TURNS, maps_of_votes, vote, worth_voting
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.order_words import in_words_of
 from fringeworks.stack.refine import Refined
@@ -286,7 +286,8 @@ def measure_axis(
         kernel = decoding.kernel(noise, limits, usual)
         in_bands(planes, results, partial(_run, kernel))
     if found.votes:
-        vote(decoding, kernel, results)
+        if max(decoding.order_errors, default=0.0) < UNKNOWN_TURNS:
+            vote(decoding, kernel, results)
         if decoding.gray is None and worth_voting(decoding, results):
             decide_by_regions(decoding, planes, results, (noise, limits))
 

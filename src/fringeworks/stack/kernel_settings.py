@@ -172,6 +172,9 @@ class Decoding:
     """Variance of the noise along the axis over that of the camera, ≥ 1."""
     order_errors: tuple[float, ...] = ()
     """Errors of every rounding of the chain that are no noise, turns; none where empty."""
+    largest_remainders: tuple[float, ...] = ()
+    """Largest remainder of every rounding, plus six standard deviations of its noise, by the errors
+    of all pixels that are no noise, turns; none where empty."""
     reach_px: float | None = None
     """Largest distance of a coordinate from the middle of its Gray-code cell, projector px.
 
@@ -282,7 +285,8 @@ class Decoding:
         # pixel decides alone.
         alone = chain.wraps | ((chain.remainder == 0) & (self.gray is not None))
         tolerance = np.where(alone, np.inf, np.maximum(chain.tolerance - lost, 0.0))
-        alternative = np.maximum(chain.alternative - lost, 0.0)
+        away = np.minimum(chain.alternative, self.largest_remainders or np.inf)
+        alternative = np.maximum(away - lost, 0.0)
         return {
             **found,
             "combinations": np.ascontiguousarray(chain.combinations, np.float32),

@@ -76,7 +76,7 @@ def worth_voting(decoding: Decoding, results: dict[str, Any]) -> bool:
         return len(decoding.sets) == 1 and _ambiguous(results) > WORTH_ASKING
     if len(decoding.sets) < 2:
         return False
-    if decoding.order_errors and min(decoding.order_errors) >= UNKNOWN_TURNS:
+    if np.inf in decoding.order_errors:
         return False
     return _ambiguous(results) > WORTH_VOTING
 

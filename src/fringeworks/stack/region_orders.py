@@ -137,6 +137,7 @@ def _unwrapped(
         length_px=period,
         absolute=False,
         order_errors=(),
+        largest_remainders=(),
     )
     maps = empty_maps(planes[0].shape)
     own = [np.ascontiguousarray(planes[decoding.frames.index(k)]) for k in alone.frames]
@@ -194,14 +195,6 @@ def _decide(
     fits = _nearest(found, error, apart, unwrapped.region.shape)
     fits &= (coordinate > -0.5) & (coordinate < decoding.length_px - 0.5)
     _write(found, fits, coordinate, unwrapped.sigma, results)
-    # Parts whose depth differs by whole periods are in the region, too. They fit their own order.
-    known = results["coordinate"].flat[pixels]
-    with np.errstate(invalid="ignore"):
-        other = np.abs(known - coordinate) > 0.5 * period
-        own = _wrapped(turns - known / periods[:, None])
-        other &= ~_near(own, apart, found.smooth + found.noise, OWN)
-    results["coordinate"].flat[pixels[other]] = results["sigma"].flat[pixels[other]] = np.nan
-    results["reason"].flat[pixels[other]] = Reason.ORDER_AMBIGUOUS
 
 
 def _best(found: _Region, explained: FloatMap, width: int) -> int | None:

@@ -215,6 +215,15 @@ class Decoding:
         return replace(self, reach_px=float("inf"))
 
     @property
+    def nearest(self) -> Decoding:
+        """The decoding with the nearest orders, however doubtful."""
+        if self.chain is None or self.gray is not None:
+            return self.free
+        open_ = np.full(self.chain.tolerance.shape, np.inf)
+        chain = replace(self.chain, tolerance=open_, alternative=open_)
+        return replace(self.free, chain=chain, order_errors=(), largest_remainders=())
+
+    @property
     def frames(self) -> list[int]:
         """Indices of the frames in the kernel's order: phase frames, then the Gray code's."""
         return self.phase_frames + self.gray_frames

@@ -34,8 +34,11 @@ BLOCK = 16
 noise or edges correlate over."""
 
 SHARED_RAD = 0.05
-"""Error of wide fringes that all parts of a region usually share, rad. In a corner of white walls,
-which light each other, it is 0.1; there, the parts also differ by 0.17."""
+"""Error of wide fringes that all parts of a region usually share at least, rad."""
+
+SHARED = 0.6
+"""Error that all parts of a region share, over the standard deviation of what they do not share: in
+a corner of white walls, which light each other, it is 0.1 rad beside 0.17."""
 
 OWN = 0.25
 """Error up to which a pixel that was measured with another order keeps it, as a share of the
@@ -81,8 +84,10 @@ class _Region:
     def of_mean(self, width: int) -> FloatMap:
         """(M,): variances of the mean errors before they are known, turns²."""
         parts = [_parts(row - row.mean(), self.pixels, width) for row in self.off]
-        shared = np.maximum(self.usual - self.smooth, 0.0) + (SHARED_RAD / TURN) ** 2
-        return np.asarray(self.smooth / parts + shared + self.noise / self.pixels.size)
+        smooth = np.maximum(self.usual, self.smooth)
+        shared = np.maximum((SHARED_RAD / TURN) ** 2, SHARED**2 * smooth)
+        beside = smooth - self.smooth  # what a small region does not show by itself
+        return np.asarray(self.smooth / parts + beside + shared + self.noise / self.pixels.size)
 
 
 def decide_by_regions(
@@ -203,10 +208,7 @@ def _best(found: _Region, explained: FloatMap, width: int) -> int | None:
     ``explained``: what every order makes of the phases, (K, M) turns.
     """
     mean = _wrapped(found.middle + found.off.mean(axis=1) - explained)
-    variance = found.of_mean(width)
-    # The nearest order says how large errors are that all parts share.
-    nearest = int(np.argmin(np.sum(mean**2 / (found.smooth + found.noise), axis=1)))
-    square = np.sum(mean**2 / (variance + mean[nearest] ** 2), axis=1)
+    square = np.sum(mean**2 / found.of_mean(width), axis=1)
     likely = np.exp(-0.5 * (square - square.min()))
     best = int(np.argmin(square))
     return best if likely.sum() - 1.0 < ERROR_RATE else None

@@ -216,11 +216,12 @@ class Decoding:
 
     @property
     def nearest(self) -> Decoding:
-        """The decoding with the nearest orders, however doubtful."""
+        """The decoding with the nearest orders wherever the noise allows, whatever the remainders:
+        errors of all sizes are seen."""
         if self.chain is None or self.gray is not None:
             return self.free
-        open_ = np.full(self.chain.tolerance.shape, np.inf)
-        chain = replace(self.chain, tolerance=open_, alternative=open_)
+        alternative = np.where(self.chain.wraps, self.chain.alternative, np.inf)
+        chain = replace(self.chain, alternative=alternative)
         return replace(self.free, chain=chain, order_errors=(), largest_remainders=())
 
     @property

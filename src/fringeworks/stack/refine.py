@@ -36,7 +36,13 @@ from fringeworks.stack.ripple import LINES_NOISE_ALONE, SURE, Ripple
 from fringeworks.stack.ripple_removal import line_ripple, without_ripples
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.set_residuals import Known, phase_variance, set_residuals
-from fringeworks.statistics.phase_errors import PhaseErrors, order_spread, set_offsets, two_parts
+from fringeworks.statistics.phase_errors import (
+    PhaseErrors,
+    order_errors,
+    order_spread,
+    set_offsets,
+    two_parts,
+)
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median, quantile
 from fringeworks.statistics.surface_scatter import by_pixel, pixel_excess, scatters
 from fringeworks.types import Axis, CameraNoise, Finding, FloatMap
@@ -441,12 +447,15 @@ def _with_agreeing_sets(
         return replace(decoding, order_errors=unknown), replace(errors, offset_turns=shifted)
     if errors.by_noise:
         return replace(decoding, order_errors=tuple(map(float, ripple))), errors
-    bounds = np.where(spread >= MOST_SPREAD_TURNS, NO_ORDER, ripple)
-    return replace(
-        with_floor(decoding, errors.floor_rad),
-        order_errors=tuple(map(float, bounds)),
-        largest_remainders=_largest_remainders(chain.amplification, spread, variances),
-    ), errors
+    largest: tuple[float, ...] = ()
+    if decoding.gray is None:
+        bounds = np.where(spread >= MOST_SPREAD_TURNS, NO_ORDER, ripple)
+        largest = _largest_remainders(chain.amplification, spread, variances)
+    else:
+        seen = order_errors(chain.amplification, residuals, errors.noise_factor * variances)
+        bounds = np.maximum(seen, ripple)
+    decoding = replace(decoding, order_errors=tuple(map(float, bounds)), largest_remainders=largest)
+    return with_floor(decoding, errors.floor_rad), errors
 
 
 def _largest_remainders(

@@ -38,9 +38,10 @@ noise or edges correlate over."""
 SHARED_RAD = 0.05
 """Error of wide fringes that all parts of a region usually share at least, rad."""
 
-SHARED = 0.6
-"""Error that all parts of a region share, over the standard deviation of what they do not share: in
-a corner of white walls, which light each other, it is 0.1 rad beside 0.17."""
+SHARED = 0.3
+"""Error that all parts of a region share, over the standard deviation of what they do not share, beside
+what the nearest order shows of it. In a corner of white walls, which light each other, all parts
+share 0.1 rad, and differ by 0.17."""
 
 OWN = 0.25
 """Error up to which a pixel that was measured with another order keeps it, as a share of the
@@ -74,20 +75,27 @@ class _Region:
     off: FloatMap
     """(M, n): the same of every pixel, about the mean, turns."""
     noise: FloatMap
-    """(M,): mean variances of the phases by noise, turns²."""
+    """(M,): variances of the phases by noise, turns²: by what neighbouring pixels do not share."""
 
     @property
     def smooth(self) -> FloatMap:
         """(M,): variances of the errors beside noise, turns²."""
         return np.asarray(np.maximum(self.off.var(axis=1) - self.noise, 0.0))
 
+    @property
+    def typical(self) -> FloatMap:
+        """(M,): the same by the middle of the errors, whatever parts at another depth have."""
+        off = np.abs(self.off - np.median(self.off, axis=1, keepdims=True))
+        variance = (np.median(off, axis=1) / NORMAL_MEDIAN) ** 2
+        return np.asarray(np.clip(variance - self.noise, 0.0, self.smooth))
+
     def of_mean(self, width: int, usual: FloatMap) -> FloatMap:
         """(M,): variances of the mean errors before they are known, turns²; ``usual``: those of the
         errors of all regions."""
         parts = [_parts(row - row.mean(), self.pixels, width) for row in self.off]
-        smooth = np.maximum(usual, self.smooth)
-        shared = np.maximum((SHARED_RAD / TURN) ** 2, SHARED**2 * smooth)
-        beside = smooth - self.smooth  # what a small region does not show by itself
+        beside = np.maximum(usual - self.typical, 0.0)  # that a small region does not show
+        shared = SHARED**2 * np.maximum(usual, self.typical)
+        shared = np.maximum(shared, (SHARED_RAD / TURN) ** 2)
         return np.asarray(self.smooth / parts + beside + shared + self.noise / self.pixels.size)
 
 
@@ -106,7 +114,7 @@ class Regions:
     def usual(self) -> FloatMap:
         """(M,): variances of the errors beside noise in all regions, turns²."""
         pixels = [found.pixels.size for found in self.found]
-        return np.average([found.smooth for found in self.found], axis=0, weights=pixels)
+        return np.average([found.typical for found in self.found], axis=0, weights=pixels)
 
     @property
     def spread(self) -> FloatMap:
@@ -165,8 +173,8 @@ def decide_by_regions(regions: Regions, results: dict[str, Any]) -> None:
     smooth: the variance v_m of d_m is theirs over the number of parts of the region in which they
     are independent, by the correlation of the means of blocks. Added is what all parts may share:
     ``SHARED`` of what they do not share, and what the errors of all regions exceed those of this
-    one by. Another order is less likely by the exponential of half the difference of Σ d_m² / v_m.
-    An order counts where all others together are less likely than ``ERROR_RATE``, at pixels whose
+    one by, and d_m² of the most likely order. Another order is less likely by the exponential of
+    half the difference of Σ d_m² / v_m. An order counts where all others together are less likely than ``ERROR_RATE``, at pixels whose
     own phases, and the mean of whose window, are nearer to it than to any other.
     """
     for found in regions.found:
@@ -223,8 +231,10 @@ def _region(
     turns = np.stack([results["phases"][k].flat[pixels] for k in others]) / TURN
     off = turns - unwrapped.place.flat[pixels] / periods[:, None]
     middle = np.angle(np.mean(np.exp(1j * TURN * off), axis=1)) / TURN
-    noise = [float(np.mean(results["variances"][k].flat[pixels])) / TURN**2 for k in others]
-    return _Region(pixels, middle, _wrapped(off - middle[:, None]), np.array(noise))
+    off = _wrapped(off - middle[:, None])
+    # What neighbours do not share: errors that all sets have together count as noise elsewhere.
+    apart = np.median(np.abs(np.diff(off, axis=1)), axis=1) / NORMAL_MEDIAN
+    return _Region(pixels, middle, off, 0.5 * apart**2)
 
 
 def _decide(regions: Regions, found: _Region, results: dict[str, Any]) -> None:
@@ -256,7 +266,9 @@ def _best(found: _Region, explained: FloatMap, variance: FloatMap) -> int | None
     errors, (M,) turns².
     """
     mean = _wrapped(found.middle + found.off.mean(axis=1) - explained)
-    square = np.sum(mean**2 / variance, axis=1)
+    # The nearest order says how large errors are that all parts share.
+    nearest = int(np.argmin(np.sum(mean**2 / (found.smooth + found.noise), axis=1)))
+    square = np.sum(mean**2 / (variance + mean[nearest] ** 2), axis=1)
     likely = np.exp(-0.5 * (square - square.min()))
     best = int(np.argmin(square))
     return best if likely.sum() - 1.0 < ERROR_RATE else None

@@ -19,8 +19,8 @@ neighbours measured 0 to 10 % more pixels, and at most 80 per million more of th
 """
 
 UNKNOWN_TURNS = 1.0
-"""Errors of all roundings, turns, from which on no order is known: sets that are shifted against
-each other, as by motion, agree at wrong orders, too. Neighbours share the shift."""
+"""Error of a rounding, turns, from which on neighbours do not vote: errors that they share look
+like those of another order. Whole regions may decide."""
 
 ERROR_RATE = 1e-5
 """Largest posterior probability that a voted order is wrong."""

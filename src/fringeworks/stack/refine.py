@@ -55,13 +55,13 @@ likelier than the next; beyond, fringe orders cannot be trusted. Empirical.
 """
 
 DOUBTFUL_OFFSET_TURNS = 0.05
-"""The same where the sets disagree by more than noise, beside the spread of the errors from place to
-place. Light between surfaces shifts the phases of some places by about as much as those of all; a
-scene or a device that has moved between the sets shifts them by far more. Empirical."""
+"""The same where the sets disagree by more than noise, beside the spread of the errors from place
+to place. Light between surfaces shifts all places by about as much as single ones; a scene or a
+device that has moved between the sets shifts them by far more. Empirical."""
 
 MOST_SPREAD_TURNS = 0.2
-"""Standard deviation of the errors of a rounding beside noise, turns, from which on a pixel's phases
-do not tell its order: errors beyond half a turn look like small ones."""
+"""Standard deviation of the errors of a rounding beside noise, turns, from which on a pixel's
+phases do not tell its order: errors beyond half a turn look like small ones."""
 
 LOW = 0.1
 """Quantile of the noise of a rounding that its largest remainder is exact at: pixels with more are

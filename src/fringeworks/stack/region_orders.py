@@ -39,13 +39,8 @@ SHARED_RAD = 0.05
 """Error of wide fringes that all parts of a region usually share at least, rad."""
 
 SHARED = 0.3
-"""Error that all parts of a region share, over the standard deviation of what they do not share, beside
-what the nearest order shows of it. In a corner of white walls, which light each other, all parts
-share 0.1 rad, and differ by 0.17."""
-
-OWN = 0.25
-"""Error up to which a pixel that was measured with another order keeps it, as a share of the
-distance to the next order: half of what would be as near to that."""
+"""Error that all parts of a region share, over the standard deviation of what they do not share:
+half of that in a corner of white walls. The error of the nearest order is added to it."""
 
 WINDOW = 5
 """Side of the window, px, whose mean must fit the order of its region as a pixel does: parts of
@@ -172,10 +167,11 @@ def decide_by_regions(regions: Regions, results: dict[str, Any]) -> None:
     With an order, the phases of set m are off by d_m turns in the mean of a region. The errors are
     smooth: the variance v_m of d_m is theirs over the number of parts of the region in which they
     are independent, by the correlation of the means of blocks. Added is what all parts may share:
-    ``SHARED`` of what they do not share, and what the errors of all regions exceed those of this
-    one by, and d_m² of the most likely order. Another order is less likely by the exponential of
-    half the difference of Σ d_m² / v_m. An order counts where all others together are less likely than ``ERROR_RATE``, at pixels whose
-    own phases, and the mean of whose window, are nearer to it than to any other.
+    ``SHARED`` of what they do not share, what the errors of all regions exceed those of this one
+    by, and d_m² of the most likely order. Another order is less likely by the exponential of half
+    the difference of Σ d_m² / v_m. An order counts where all others together are less likely than
+    ``ERROR_RATE``, at pixels whose own phases, and the mean of whose window, are nearer to it than
+    to any other.
     """
     for found in regions.found:
         _decide(regions, found, results)
@@ -325,9 +321,7 @@ def _write(
     results["reason"].flat[at] = Reason.OK
 
 
-def _blocks(
-    error: FloatMap, pixels: NDArray[np.intp], width: int
-) -> tuple[FloatMap, BoolMap]:
+def _blocks(error: FloatMap, pixels: NDArray[np.intp], width: int) -> tuple[FloatMap, BoolMap]:
     """Means of the errors in blocks of the image, and the blocks that a region fills by half."""
     rows, columns = np.divmod(pixels, width)
     rows, columns = (rows - rows.min()) // BLOCK, (columns - columns.min()) // BLOCK

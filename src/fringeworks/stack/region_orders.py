@@ -155,7 +155,8 @@ def regions_of(
     order = np.argsort(unwrapped.region, axis=None, kind="stable")
     starts = np.flatnonzero(np.diff(unwrapped.region.flat[order], prepend=0))
     parts = [p for p in np.split(order, starts)[1:] if p.size >= MIN_REGION]
-    found = [_region(decoding, finest, unwrapped, pixels, results) for pixels in parts]
+    of_parts = [_region(decoding, finest, unwrapped, pixels, results) for pixels in parts]
+    found = [region for region in of_parts if region.pixels.size >= MIN_REGION]
     return Regions(decoding, finest, unwrapped, found) if found else None
 
 
@@ -225,6 +226,11 @@ def _region(
     others = [k for k in range(len(decoding.sets)) if k != finest]
     periods = np.array([decoding.sets[k].period_px for k in others])
     turns = np.stack([results["phases"][k].flat[pixels] for k in others]) / TURN
+    # Other sets may be saturated where the finest is not.
+    known = np.isfinite(turns).all(axis=0)
+    pixels, turns = pixels[known], turns[:, known]
+    if pixels.size < MIN_REGION:
+        return _Region(pixels, np.zeros(len(others)), turns, np.zeros(len(others)))
     off = turns - unwrapped.place.flat[pixels] / periods[:, None]
     middle = np.angle(np.mean(np.exp(1j * TURN * off), axis=1)) / TURN
     off = _wrapped(off - middle[:, None])

@@ -39,6 +39,7 @@ from fringeworks.stack.kernel_settings import (
 )
 from fringeworks.stack.local_errors import inflation
 from fringeworks.stack.neighbours import (
+    UNKNOWN_TURNS,
     leave_in_doubt,
     lines_in_doubt,
     maps_of_votes,
@@ -47,9 +48,9 @@ from fringeworks.stack.neighbours import (
 )
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.order_words import in_words_of
-from fringeworks.stack.refine import Refined
+from fringeworks.stack.refine import MOST_SPREAD_TURNS, Refined
 from fringeworks.stack.refusal import saturation_first, without_lacking_axes
-from fringeworks.stack.region_orders import decide_by_regions
+from fringeworks.stack.region_orders import Regions, decide_by_regions, regions_of
 from fringeworks.stack.sample import take_sample
 from fringeworks.statistics.surface_scatter import cover_scatter
 from fringeworks.types import (
@@ -292,11 +293,21 @@ def measure_axis(
         kernel = decoding.kernel(noise, limits, usual)
         in_bands(planes, results, partial(_run, kernel))
     if found.votes:
-        lines = lines_in_doubt(decoding, results)
-        vote(decoding, kernel, results)
-        if decoding.gray is None and worth_voting(decoding, results):
-            decide_by_regions(decoding, planes, results, (noise, limits))
+        lines, regions = lines_in_doubt(decoding, results), None
+        if decoding.gray is None:
+            regions = regions_of(decoding, planes, results, (noise, limits))
+        if _may_vote(decoding, regions):
+            vote(decoding, kernel, results)
+        if regions is not None and worth_voting(decoding, results):
+            decide_by_regions(regions, results)
         leave_in_doubt(results, lines)
+
+
+def _may_vote(decoding: Decoding, regions: Regions | None) -> bool:
+    """Whether errors that windows do not average out are small enough for the votes of windows."""
+    if max(decoding.order_errors, default=0.0) >= UNKNOWN_TURNS:
+        return False
+    return regions is None or bool((regions.spread < MOST_SPREAD_TURNS).all())
 
 
 def typical_step(found: Refined, results: dict[str, Any]) -> float:

@@ -172,6 +172,9 @@ class Decoding:
     """Variance of the noise along the axis over that of the camera, ≥ 1."""
     order_errors: tuple[float, ...] = ()
     """Errors of every rounding of the chain that are no noise, turns; none where empty."""
+    largest_remainders: tuple[float, ...] = ()
+    """Largest remainder of every rounding, plus six standard deviations of its noise, by the errors
+    of all pixels that are no noise, turns; none where empty."""
     reach_px: float | None = None
     """Largest distance of a coordinate from the middle of its Gray-code cell, projector px.
 
@@ -210,6 +213,16 @@ class Decoding:
     def free(self) -> Decoding:
         """The decoding with coordinates at any distance from their Gray-code cell."""
         return replace(self, reach_px=float("inf"))
+
+    @property
+    def nearest(self) -> Decoding:
+        """The decoding with the nearest orders wherever the noise allows, whatever the remainders:
+        errors of all sizes are seen."""
+        if self.chain is None or self.gray is not None:
+            return self.free
+        alternative = np.where(self.chain.wraps, self.chain.alternative, np.inf)
+        chain = replace(self.chain, alternative=alternative)
+        return replace(self.free, chain=chain, order_errors=(), largest_remainders=())
 
     @property
     def frames(self) -> list[int]:
@@ -282,7 +295,8 @@ class Decoding:
         # pixel decides alone.
         alone = chain.wraps | ((chain.remainder == 0) & (self.gray is not None))
         tolerance = np.where(alone, np.inf, np.maximum(chain.tolerance - lost, 0.0))
-        alternative = np.maximum(chain.alternative - lost, 0.0)
+        away = np.minimum(chain.alternative, self.largest_remainders or np.inf)
+        alternative = np.maximum(away - lost, 0.0)
         return {
             **found,
             "combinations": np.ascontiguousarray(chain.combinations, np.float32),

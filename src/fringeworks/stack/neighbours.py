@@ -33,8 +33,8 @@ AROUND = 5
 """Side of the window of that share, px: edges leave lines of one or two pixels ambiguous."""
 
 UNKNOWN_TURNS = 1.0
-"""Errors of all roundings, turns, from which on no order is known: sets that are shifted against
-each other, as by motion, agree at wrong orders, too. Neighbours share the shift."""
+"""Error of a rounding, turns, from which on neighbours do not vote: errors that they share look
+like those of another order. Whole regions may decide."""
 
 ERROR_RATE = 1e-5
 """Largest posterior probability that a voted order is wrong."""
@@ -90,7 +90,7 @@ def worth_voting(decoding: Decoding, results: dict[str, Any]) -> bool:
         return len(decoding.sets) == 1 and _ambiguous(results) > WORTH_ASKING
     if len(decoding.sets) < 2:
         return False
-    if decoding.order_errors and min(decoding.order_errors) >= UNKNOWN_TURNS:
+    if np.inf in decoding.order_errors:
         return False
     if not WORTH_VOTING < _ambiguous(results) <= MANY:
         return _ambiguous(results) > MANY

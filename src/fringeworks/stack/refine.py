@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.patterns.chain_search import ALTERNATIVE_SIGMAS
 from fringeworks.patterns.order_chain import GRAY_REACH, TURN
 from fringeworks.stack import words
 from fringeworks.stack.decoded_sample import decode_by_gray_code, decode_sample
@@ -35,8 +36,14 @@ from fringeworks.stack.ripple import LINES_NOISE_ALONE, SURE, Ripple
 from fringeworks.stack.ripple_removal import line_ripple, without_ripples
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.set_residuals import Known, phase_variance, set_residuals
-from fringeworks.statistics.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
-from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median
+from fringeworks.statistics.phase_errors import (
+    PhaseErrors,
+    order_errors,
+    order_spread,
+    set_offsets,
+    two_parts,
+)
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median, quantile
 from fringeworks.statistics.surface_scatter import by_pixel, pixel_excess, scatters
 from fringeworks.types import Axis, CameraNoise, Finding, FloatMap
 
@@ -48,8 +55,29 @@ likelier than the next; beyond, fringe orders cannot be trusted. Empirical.
 """
 
 DOUBTFUL_OFFSET_TURNS = 0.05
-"""The same where the sets disagree by more than noise even without the offsets. A scene or a device
-that has moved between the sets makes offsets that differ from place to place. Empirical."""
+"""The same where the sets disagree by more than noise, beside the spread of the errors from place
+to place. Light between surfaces shifts all places by about as much as single ones; a scene or a
+device that has moved between the sets shifts them by far more. Empirical."""
+
+OF_ALL_PLACES = 0.6
+"""Share of the spread of the errors by which all places may be shifted alike. Light between
+surfaces was simulated to shift them by 0.5 to 0.8 of it; what moved by a few periods does, too, by
+0.75 in one of 60 stacks."""
+
+MOST_SPREAD_TURNS = 0.2
+"""Standard deviation of the errors of a rounding beside noise, turns, from which on a pixel's
+phases do not tell its order: errors beyond half a turn look like small ones."""
+
+LOW = 0.1
+"""Quantile of the noise of a rounding that its largest remainder is exact at: pixels with more are
+judged more strictly than they need."""
+
+NO_ORDER = 1.0
+"""Error of a rounding, turns, with which it tells nothing."""
+
+DOUBT = -2.0 * float(np.log(1e-5))
+"""By how much χ² of another order must exceed that of the nearest one, for one wrong order in 10⁵
+pixels."""
 
 RIPPLE_FACTOR = 1.2
 """Standard deviation that stands for a ripple, over its rms value.
@@ -406,8 +434,11 @@ def _with_agreeing_sets(
     if residuals.shape[1] < MIN_JUDGED_PIXELS or chain is None:
         return decoding, PhaseErrors()
     offsets = set_offsets(residuals, variances)
-    shifted = float(np.abs(chain.amplification @ offsets).max(initial=0.0))
-    if known.estimate_steps and 0.0 < shifted < MAX_OFFSET_TURNS:
+    off = np.abs(chain.amplification @ offsets)
+    shifted = float(off.max(initial=0.0))
+    spread = order_spread(chain.amplification, residuals - offsets[:, None], variances)
+    likely = (off < np.hypot(DOUBTFUL_OFFSET_TURNS, OF_ALL_PLACES * spread)).all()
+    if known.estimate_steps and shifted > 0.0 and (likely or shifted < MAX_OFFSET_TURNS):
         sets = [_turned(s, o) for s, o in zip(decoding.sets, offsets, strict=True)]
         decoding = replace(decoding, sets=tuple(sets))
         residuals, variances, maps = set_residuals(decoding, planes, known)
@@ -415,15 +446,31 @@ def _with_agreeing_sets(
     errors = two_parts(square, variances.mean(axis=0) * TURN**2, len(decoding.sets) - 1)
     # Ripple that is left moves all phases at once: sets may agree on a wrong order.
     ripple = np.abs(chain.amplification) @ np.array(known.peaks_rad or 0.0 * offsets) / TURN
-    if shifted >= MAX_OFFSET_TURNS or (shifted >= DOUBTFUL_OFFSET_TURNS and not errors.by_noise):
+    if not likely and (shifted >= MAX_OFFSET_TURNS or not errors.by_noise):
         # The offsets may be larger by a whole turn of a rounding: no fringe order is certain.
-        unknown = (1.0,) * len(chain.tolerance)
+        unknown = (float("inf"),) * len(chain.tolerance)
         return replace(decoding, order_errors=unknown), replace(errors, offset_turns=shifted)
     if errors.by_noise:
         return replace(decoding, order_errors=tuple(map(float, ripple))), errors
-    seen = order_errors(chain.amplification, residuals, errors.noise_factor * variances)
-    bounds = tuple(float(v) for v in np.maximum(seen, ripple))
-    return replace(with_floor(decoding, errors.floor_rad), order_errors=bounds), errors
+    largest: tuple[float, ...] = ()
+    if decoding.gray is None:
+        bounds = np.where(spread >= MOST_SPREAD_TURNS, NO_ORDER, ripple)
+        largest = _largest_remainders(chain.amplification, spread, variances)
+    else:
+        seen = order_errors(chain.amplification, residuals, errors.noise_factor * variances)
+        bounds = np.maximum(seen, ripple)
+    decoding = replace(decoding, order_errors=tuple(map(float, bounds)), largest_remainders=largest)
+    return with_floor(decoding, errors.floor_rad), errors
+
+
+def _largest_remainders(
+    amplification: FloatMap, spread: FloatMap, variances: FloatMap
+) -> tuple[float, ...]:
+    """Remainders up to which another order is unlikely, plus six standard deviations of the noise:
+    at errors of this ``spread`` beside noise."""
+    noise = np.array([quantile(row, LOW) for row in amplification**2 @ variances])
+    largest = 0.5 - 0.5 * DOUBT * (spread**2 + noise) + ALTERNATIVE_SIGMAS * np.sqrt(noise)
+    return tuple(float(v) for v in np.where(spread > 0.0, largest, np.inf))
 
 
 def _turned(phases: PhaseFrames, turns: float) -> PhaseFrames:

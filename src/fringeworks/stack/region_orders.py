@@ -20,7 +20,9 @@ from fringeworks.patterns.order_chain import TURN, order_chain
 from fringeworks.stack.frames import Planes
 from fringeworks.stack.kernel_settings import Decoding, Limits, empty_maps
 from fringeworks.stack.neighbours import ERROR_RATE
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN
 from fringeworks.types import BoolMap, CameraNoise, FloatMap, Reason
+from fringeworks.types.computed import cached_property
 
 STEEPEST = 0.25
 """Largest difference of neighbouring coordinates on one surface, in periods of the finest fringes:
@@ -34,12 +36,11 @@ BLOCK = 16
 noise or edges correlate over."""
 
 SHARED_RAD = 0.05
-"""Error of wide fringes that all parts of a region usually share, rad. In a corner of white walls,
-which light each other, it is 0.1; there, the parts also differ by 0.17."""
+"""Error of wide fringes that all parts of a region usually share at least, rad."""
 
-OWN = 0.25
-"""Error up to which a pixel that was measured with another order keeps it, as a share of the
-distance to the next order: half of what would be as near to that."""
+SHARED = 0.3
+"""Error that all parts of a region share, over the standard deviation of what they do not share:
+half of that in a corner of white walls. The error of the nearest order is added to it."""
 
 WINDOW = 5
 """Side of the window, px, whose mean must fit the order of its region as a pixel does: parts of
@@ -69,29 +70,73 @@ class _Region:
     off: FloatMap
     """(M, n): the same of every pixel, about the mean, turns."""
     noise: FloatMap
-    """(M,): mean variances of the phases by noise, turns²."""
-    usual: FloatMap
-    """(M,): variances of the errors beside noise in the whole image, turns²."""
+    """(M,): variances of the phases by noise, turns²: by what neighbouring pixels do not share."""
 
     @property
     def smooth(self) -> FloatMap:
         """(M,): variances of the errors beside noise, turns²."""
         return np.asarray(np.maximum(self.off.var(axis=1) - self.noise, 0.0))
 
-    def of_mean(self, width: int) -> FloatMap:
-        """(M,): variances of the mean errors before they are known, turns²."""
+    @property
+    def typical(self) -> FloatMap:
+        """(M,): the same by the middle of the errors, whatever parts at another depth have."""
+        off = np.abs(self.off - np.median(self.off, axis=1, keepdims=True))
+        variance = (np.median(off, axis=1) / NORMAL_MEDIAN) ** 2
+        return np.asarray(np.clip(variance - self.noise, 0.0, self.smooth))
+
+    def of_mean(self, width: int, usual: FloatMap) -> FloatMap:
+        """(M,): variances of the mean errors before they are known, turns²; ``usual``: those of the
+        errors of all regions."""
         parts = [_parts(row - row.mean(), self.pixels, width) for row in self.off]
-        shared = np.maximum(self.usual - self.smooth, 0.0) + (SHARED_RAD / TURN) ** 2
-        return np.asarray(self.smooth / parts + shared + self.noise / self.pixels.size)
+        beside = np.maximum(usual - self.typical, 0.0)  # that a small region does not show
+        shared = SHARED**2 * np.maximum(usual, self.typical)
+        shared = np.maximum(shared, (SHARED_RAD / TURN) ** 2)
+        return np.asarray(self.smooth / parts + beside + shared + self.noise / self.pixels.size)
 
 
-def decide_by_regions(
+@dataclass(frozen=True)
+class Regions:
+    """The regions of an image, and what their phases show."""
+
+    decoding: Decoding
+    finest: int
+    """Number of the set of the finest fringes."""
+    unwrapped: _Unwrapped
+    found: list[_Region]
+    """The regions, from the largest on; not none."""
+
+    @cached_property
+    def usual(self) -> FloatMap:
+        """(M,): variances of the errors beside noise in all regions, turns²."""
+        pixels = [found.pixels.size for found in self.found]
+        return np.average([found.typical for found in self.found], axis=0, weights=pixels)
+
+    @property
+    def spread(self) -> FloatMap:
+        """(R,): standard deviations of the errors of the roundings beside noise, turns: by the
+        means of blocks, most of which lie on one surface."""
+        chain = self.decoding.chain
+        assert chain is not None
+        rows = np.delete(chain.amplification, self.finest, axis=1)
+        width, off = self.unwrapped.place.shape[1], []
+        for found in self.found:
+            of_sets = [_blocks(row, found.pixels, width) for row in found.off]
+            turns = rows @ np.stack([means[full] for means, full in of_sets])
+            if not turns.size:
+                continue  # a region of less than a block
+            off.append(np.abs(turns - np.median(turns, axis=1, keepdims=True)))
+        if not off:
+            return np.zeros(len(rows))
+        return np.asarray(np.median(np.concatenate(off, axis=1), axis=1) / NORMAL_MEDIAN)
+
+
+def regions_of(
     decoding: Decoding,
     planes: Planes,
     results: dict[str, Any],
     known: tuple[CameraNoise, Limits],
-) -> None:
-    """Decide ambiguous orders of whole regions, in place.
+) -> Regions | None:
+    """Regions of smooth surfaces, and what their phases show; None where there is none.
 
     Parameters
     ----------
@@ -100,29 +145,37 @@ def decide_by_regions(
     planes : (h, w) arrays in the order of ``decoding``, counts
     results : the kernel's maps, with those of ``maps_of_votes``
     known : noise of the camera and limits
+    """
+    if not decoding.absolute:
+        return None
+    finest = min(range(len(decoding.sets)), key=lambda k: decoding.sets[k].period_px)
+    unwrapped = _unwrapped(decoding, finest, planes, known)
+    if unwrapped is None:
+        return None
+    order = np.argsort(unwrapped.region, axis=None, kind="stable")
+    starts = np.flatnonzero(np.diff(unwrapped.region.flat[order], prepend=0))
+    parts = [p for p in np.split(order, starts)[1:] if p.size >= MIN_REGION]
+    of_parts = [_region(decoding, finest, unwrapped, pixels, results) for pixels in parts]
+    found = [region for region in of_parts if region.pixels.size >= MIN_REGION]
+    return Regions(decoding, finest, unwrapped, found) if found else None
+
+
+def decide_by_regions(regions: Regions, results: dict[str, Any]) -> None:
+    """Decide ambiguous orders of whole regions, in place.
 
     Notes
     -----
     With an order, the phases of set m are off by d_m turns in the mean of a region. The errors are
     smooth: the variance v_m of d_m is theirs over the number of parts of the region in which they
     are independent, by the correlation of the means of blocks. Added is what all parts may share:
-    ``SHARED_RAD``², the errors of the whole image that the region does not show by itself, and d_m²
-    of the most likely order. Another order is less likely by the exponential of half the difference
-    of Σ d_m² / v_m. An order counts where all others together are less likely than ``ERROR_RATE``,
-    at pixels whose own phases, and the mean of whose window, are nearer to it than to any other.
+    ``SHARED`` of what they do not share, what the errors of all regions exceed those of this one
+    by, and d_m² of the most likely order. Another order is less likely by the exponential of half
+    the difference of Σ d_m² / v_m. An order counts where all others together are less likely than
+    ``ERROR_RATE``, at pixels whose own phases, and the mean of whose window, are nearer to it than
+    to any other.
     """
-    if not decoding.absolute:
-        return
-    finest = min(range(len(decoding.sets)), key=lambda k: decoding.sets[k].period_px)
-    unwrapped = _unwrapped(decoding, finest, planes, known)
-    if unwrapped is None:
-        return
-    order = np.argsort(unwrapped.region, axis=None, kind="stable")
-    starts = np.flatnonzero(np.diff(unwrapped.region.flat[order], prepend=0))
-    for pixels in np.split(order, starts)[1:]:
-        if pixels.size < MIN_REGION:
-            break  # they come by size
-        _decide(decoding, finest, unwrapped, pixels, results)
+    for found in regions.found:
+        _decide(regions, found, results)
 
 
 def _unwrapped(
@@ -137,6 +190,7 @@ def _unwrapped(
         length_px=period,
         absolute=False,
         order_errors=(),
+        largest_remainders=(),
     )
     maps = empty_maps(planes[0].shape)
     own = [np.ascontiguousarray(planes[decoding.frames.index(k)]) for k in alone.frames]
@@ -162,55 +216,58 @@ def _beside_steps(turns: FloatMap) -> BoolMap:
     return beside
 
 
-def _decide(
+def _region(
     decoding: Decoding,
     finest: int,
     unwrapped: _Unwrapped,
     pixels: NDArray[np.intp],
     results: dict[str, Any],
-) -> None:
-    """Decide the order of a region, and write it. Pixels that were measured with another one become
-    ambiguous."""
+) -> _Region:
     others = [k for k in range(len(decoding.sets)) if k != finest]
-    period = decoding.sets[finest].period_px
     periods = np.array([decoding.sets[k].period_px for k in others])
-    place = unwrapped.place.flat[pixels]
     turns = np.stack([results["phases"][k].flat[pixels] for k in others]) / TURN
-    off = turns - place / periods[:, None]
+    # Other sets may be saturated where the finest is not.
+    known = np.isfinite(turns).all(axis=0)
+    pixels, turns = pixels[known], turns[:, known]
+    if pixels.size < MIN_REGION:
+        return _Region(pixels, np.zeros(len(others)), turns, np.zeros(len(others)))
+    off = turns - unwrapped.place.flat[pixels] / periods[:, None]
     middle = np.angle(np.mean(np.exp(1j * TURN * off), axis=1)) / TURN
-    noise = [float(np.mean(results["variances"][k].flat[pixels])) / TURN**2 for k in others]
-    usual = (np.array([decoding.sets[k].floor_rad for k in others]) / TURN) ** 2
-    found = _Region(pixels, middle, _wrapped(off - middle[:, None]), np.array(noise), usual)
+    off = _wrapped(off - middle[:, None])
+    # What neighbours do not share: errors that all sets have together count as noise elsewhere.
+    apart = np.median(np.abs(np.diff(off, axis=1)), axis=1) / NORMAL_MEDIAN
+    return _Region(pixels, middle, off, 0.5 * apart**2)
+
+
+def _decide(regions: Regions, found: _Region, results: dict[str, Any]) -> None:
+    """Decide the order of a region, and write it."""
+    decoding, unwrapped = regions.decoding, regions.unwrapped
+    place = unwrapped.place.flat[found.pixels]
+    period = decoding.sets[regions.finest].period_px
+    periods = np.array([s.period_px for k, s in enumerate(decoding.sets) if k != regions.finest])
     # Orders that leave half of the region in the range, and what each explains.
     lowest, highest = -0.5 - np.median(place), decoding.length_px - 0.5 - np.median(place)
     orders = np.arange(np.ceil(lowest / period), np.floor(highest / period) + 1.0)
-    best = _best(found, np.outer(orders, period / periods), unwrapped.place.shape[1])
+    variance = found.of_mean(unwrapped.place.shape[1], regions.usual)
+    best = _best(found, np.outer(orders, period / periods), variance)
     if best is None:
         return
     coordinate = place + orders[best] * period
-    error = _wrapped(off - orders[best] * period / periods[:, None])
+    error = _wrapped(found.middle[:, None] + found.off - orders[best] * period / periods[:, None])
     steps = np.arange(1.0, np.ceil(decoding.length_px / period))
     apart = _wrapped(np.outer(steps, period / periods))
     fits = _nearest(found, error, apart, unwrapped.region.shape)
     fits &= (coordinate > -0.5) & (coordinate < decoding.length_px - 0.5)
     _write(found, fits, coordinate, unwrapped.sigma, results)
-    # Parts whose depth differs by whole periods are in the region, too. They fit their own order.
-    known = results["coordinate"].flat[pixels]
-    with np.errstate(invalid="ignore"):
-        other = np.abs(known - coordinate) > 0.5 * period
-        own = _wrapped(turns - known / periods[:, None])
-        other &= ~_near(own, apart, found.smooth + found.noise, OWN)
-    results["coordinate"].flat[pixels[other]] = results["sigma"].flat[pixels[other]] = np.nan
-    results["reason"].flat[pixels[other]] = Reason.ORDER_AMBIGUOUS
 
 
-def _best(found: _Region, explained: FloatMap, width: int) -> int | None:
+def _best(found: _Region, explained: FloatMap, variance: FloatMap) -> int | None:
     """Number of the only likely order; None where there are several.
 
-    ``explained``: what every order makes of the phases, (K, M) turns.
+    ``explained``: what every order makes of the phases, (K, M) turns; ``variance``: of the mean
+    errors, (M,) turns².
     """
     mean = _wrapped(found.middle + found.off.mean(axis=1) - explained)
-    variance = found.of_mean(width)
     # The nearest order says how large errors are that all parts share.
     nearest = int(np.argmin(np.sum(mean**2 / (found.smooth + found.noise), axis=1)))
     square = np.sum(mean**2 / (variance + mean[nearest] ** 2), axis=1)
@@ -270,8 +327,8 @@ def _write(
     results["reason"].flat[at] = Reason.OK
 
 
-def _parts(error: FloatMap, pixels: NDArray[np.intp], width: int) -> float:
-    """Number of parts of a region in which errors of mean zero are independent, at least one."""
+def _blocks(error: FloatMap, pixels: NDArray[np.intp], width: int) -> tuple[FloatMap, BoolMap]:
+    """Means of the errors in blocks of the image, and the blocks that a region fills by half."""
     rows, columns = np.divmod(pixels, width)
     rows, columns = (rows - rows.min()) // BLOCK, (columns - columns.min()) // BLOCK
     shape = int(rows.max()) + 1, int(columns.max()) + 1
@@ -280,6 +337,12 @@ def _parts(error: FloatMap, pixels: NDArray[np.intp], width: int) -> float:
     sums = np.bincount(at, error, shape[0] * shape[1]).reshape(shape)
     full = count > BLOCK**2 // 2
     means = np.where(full, sums / np.maximum(count, 1), 0.0)
+    return means, full
+
+
+def _parts(error: FloatMap, pixels: NDArray[np.intp], width: int) -> float:
+    """Number of parts of a region in which errors of mean zero are independent, at least one."""
+    means, full = _blocks(error, pixels, width)
     blocks, power = int(np.count_nonzero(full)), float(np.sum(means**2))
     if blocks < 2 or power == 0.0:
         return 1.0

@@ -468,7 +468,7 @@ class SequenceDecoder:
         """Decode an axis; nothing of it where the motion is not known."""
         found = judged.axes[axis]
         # Errors of a scene that moves differ from place to place: each place is judged by its own.
-        decoding = replace(found.decoding, order_errors=())
+        decoding = replace(found.decoding, order_errors=(), largest_remainders=())
         found = replace(found, decoding=decoding, uneven=True, scatters=True)
         results = empty_maps(planes[0].shape, sets=len(decoding.sets))
         measure_axis([planes[k] for k in decoding.frames], found, judged, results)

@@ -35,7 +35,7 @@ def set_residuals(
 ) -> tuple[FloatMap, FloatMap, dict[str, Any]]:
     """Residuals of the phases of a sample and their variances by noise, (M, n), turns and turns²,
     and the kernel's maps with the pixels that were used."""
-    maps = decode_sample(decoding.free, planes, known.noise, known.limits.open)
+    maps = decode_sample(decoding.nearest, planes, known.noise, known.limits.open)
     used = lit_pixels(maps)
     # A coordinate that is not written is that of the phases nearest to it: the residuals are those
     # of the nearest fringe orders.

@@ -376,7 +376,7 @@ def test_nonsense_about_channels_is_refused(tmp_path):
     (folder / "plan.toml").write_text((tmp_path / "plan.toml").read_text())
     for k in range(4):
         Image.fromarray(np.zeros((8, 8), np.uint8)).save(folder / f"{k}.png")
-    for channels in ("x", "gg", "rgba", "red"):
+    for channels in ("x", "gg", "rgba", "violet"):
         with pytest.raises(fw.InputError, match="channels: expected some of r, g and b"):
             fw.files.read_stack(folder, channels=channels)
     with pytest.raises(

@@ -138,6 +138,7 @@ def examine(
     findings += words.saturated(sample.points, limits, rough, plan.labels(), told)
     with saturation_first(findings):
         decodings = _ordered(plan, sample, decodings, known, findings, moves=moves)
+        planned = decodings
         decodings = _with_real_frames(decodings, sample, limits, steps=estimate_steps)
         if noise is None:
             noise, source = measure_noise(decodings, sample, limits, start)
@@ -147,7 +148,7 @@ def examine(
         noise = _with_floor(noise, floor)
         limits = known_limits(decodings, sample, unknown, noise, level)
         known = Known(noise, limits, estimate_steps)
-        found = {axis: refined(decoding, sample, known) for axis, decoding in decodings.items()}
+        found = {a: _refined(d, planned[a], sample, known) for a, d in decodings.items()}
         beside: list[Finding] = []
         if not moves:
             found = {axis: _beside_code(axis, f, sample, beside) for axis, f in found.items()}
@@ -220,6 +221,19 @@ def _by_resolved_cells(planned: Decoding, coarse: Decoding) -> Decoding:
         doubt_share=seen.doubt_share,
     )
     return replace(planned, gray=gray)
+
+
+def _refined(decoding: Decoding, planned: Decoding, sample: Sample, known: Known) -> Refined:
+    """What neighbours and sets show; with the steps of the plan, where no fringe order is certain
+    with those that the frames seem to show.
+
+    Little of a wide fringe does not tell its steps, and what the model lacks looks like some.
+    """
+    found = refined(decoding, sample, known)
+    if not known.estimate_steps or np.inf not in found.decoding.order_errors:
+        return found
+    plain = refined(planned, sample, replace(known, estimate_steps=False))
+    return found if np.inf in plain.decoding.order_errors else plain
 
 
 def _beside_code(axis: Axis, found: Refined, sample: Sample, findings: list[Finding]) -> Refined:

@@ -249,3 +249,26 @@ def test_vibration_is_not_called_swapped():
         causes = ("moved from frame to frame", "motion", "steps", "flicker", "fringes beside")
         assert any(cause in said for cause in causes), said
         assert "are swapped, judging" not in said or "Nearest is" in said, said
+
+
+@pytest.mark.parametrize("count", [3, 4])
+def test_light_of_the_room_that_rises_is_no_wrong_step(count):
+    """It turns the apparent steps of a set by up to as much as it changes their light."""
+    plan = plan_of(*(steps(WIDTH / n, count) for n in (1, 5, 25)))
+    frames = photographed(plan, 5)
+    risen = [
+        np.clip(f + np.rint(16.0 * k / len(frames)), 0, 255).astype(np.uint8)
+        for k, f in enumerate(frames)
+    ]
+    assert told_of(risen, plan).split(", ")[0] == "flicker"
+
+
+@pytest.mark.parametrize("count", [4, 5])
+def test_a_wrong_step_is_no_change_of_the_light(count):
+    plan = plan_of(*(steps(WIDTH / n, count) for n in (1, 5, 25)))
+    blocks = []
+    for block in plan.blocks:
+        turned = np.array(block.shifts_rad)
+        turned[1] += np.radians(3.0)
+        blocks.append(PhaseSteps("x", block.period_px, tuple(turned)))
+    assert told_of(photographed(plan_of(*blocks), 5), plan).split(", ")[0] == "steps"

@@ -92,8 +92,9 @@ def worth_voting(decoding: Decoding, results: dict[str, Any]) -> bool:
         return False
     if np.inf in decoding.order_errors:
         return False
-    if not WORTH_VOTING < _ambiguous(results) <= MANY:
-        return _ambiguous(results) > MANY
+    share = _ambiguous(results)
+    if not WORTH_VOTING < share <= MANY:
+        return share > MANY
     # Rows may be far from each other: areas show along them.
     ambiguous = results["reason"] == Reason.ORDER_AMBIGUOUS
     around = scipy.ndimage.uniform_filter1d(ambiguous.astype(np.float32), AROUND, axis=1)

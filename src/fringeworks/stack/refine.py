@@ -28,7 +28,7 @@ from fringeworks.stack.edges import (
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import SEAM_SIGMAS, Decoding, PhaseFrames, lit_pixels
 from fringeworks.stack.line_profile import with_line_floor
-from fringeworks.stack.neighbours import worth_voting
+from fringeworks.stack.neighbours import ERROR_RATE, UNKNOWN_TURNS, worth_voting
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.pixel_grid import GridPull, measure_pull
 from fringeworks.stack.real_frames import design_rows
@@ -72,12 +72,9 @@ LOW = 0.1
 """Quantile of the noise of a rounding that its largest remainder is exact at: pixels with more are
 judged more strictly than they need."""
 
-NO_ORDER = 1.0
-"""Error of a rounding, turns, with which it tells nothing."""
-
-DOUBT = -2.0 * float(np.log(1e-5))
-"""By how much χ² of another order must exceed that of the nearest one, for one wrong order in 10⁵
-pixels."""
+DOUBT = -2.0 * float(np.log(ERROR_RATE))
+"""By how much χ² of another order must exceed that of the nearest one, for as few wrong orders as
+neighbours may vote for."""
 
 RIPPLE_FACTOR = 1.2
 """Standard deviation that stands for a ripple, over its rms value.
@@ -454,7 +451,7 @@ def _with_agreeing_sets(
         return replace(decoding, order_errors=tuple(map(float, ripple))), errors
     largest: tuple[float, ...] = ()
     if decoding.gray is None:
-        bounds = np.where(spread >= MOST_SPREAD_TURNS, NO_ORDER, ripple)
+        bounds = np.where(spread >= MOST_SPREAD_TURNS, UNKNOWN_TURNS, ripple)
         largest = _largest_remainders(chain.amplification, spread, variances)
     else:
         seen = order_errors(chain.amplification, residuals, errors.noise_factor * variances)

@@ -112,6 +112,14 @@ class Visitor:
     def sees(self, text, timeout_s=60):
         self.page.get_by_text(text).first.wait_for(timeout=1000 * timeout_s)
 
+    def comes_to(self, pattern, timeout_s=220):
+        """Wait for an address; where it does not come, say what the page shows instead."""
+        try:
+            self.page.wait_for_url(pattern, timeout=1000 * timeout_s)
+        except playwright.TimeoutError:
+            shown = self.page.locator("body").inner_text()
+            raise AssertionError(f"still at {self.page.url}, which shows:\n{shown}") from None
+
     def surface(self, timeout_s=60):
         """Wait for a surface, and return how many points it has."""
         self.page.wait_for_function(

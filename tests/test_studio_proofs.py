@@ -228,7 +228,6 @@ def test_a_rig_is_watched(entered):
 
 
 @pytest.mark.timeout(400)
-@pytest.mark.timeout(400)
 def test_views_are_merged_by_steps(entered):
     """Two scans of one bust lie on each other: their shape says so."""
     visitor = entered("/scan")
@@ -239,8 +238,10 @@ def test_views_are_merged_by_steps(entered):
         page.get_by_role("option", name=name).click()
     page.keyboard.press("Escape")
     page.get_by_text("neighbouring views overlap").click()
+    field = page.locator(".q-field", has=page.get_by_label("Views", exact=True))
+    field.filter(has_text="line/part-01, line/part-02").wait_for()
     visitor.click("Merge the views")
-    page.wait_for_url("**/look/merged.ply", timeout=220_000)
+    visitor.comes_to("**/look/merged.ply")
     assert visitor.surface() > 30_000
     assert not visitor.complaints
     visitor.step("Export")

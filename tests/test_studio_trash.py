@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -52,6 +53,28 @@ def test_a_deleted_capture_comes_back(space, trash):
     assert trash.entries() == []
     with pytest.raises(InputError, match="nothing to undo"):
         trash.undo()
+
+
+def test_a_file_is_never_missing_while_it_is_undone(space, trash, monkeypatch):
+    """Another page reads the recipe at the moment in which it is replaced."""
+    there = []
+    for module, name in ((shutil, "move"), (shutil, "copy2"), (os, "replace")):
+        do = getattr(module, name)
+
+        def watched(*given, do=do):
+            there.append(space.recipe.exists())
+            done = do(*given)
+            there.append(space.recipe.exists())
+            return done
+
+        monkeypatch.setattr(module, name, watched)
+    space.recipe.write_text("one")
+    trash.before((space.recipe.name,), "change it")
+    space.recipe.write_text("two")
+    trash.undo()
+    assert space.recipe.read_text() == "one"
+    assert len(there) >= 6
+    assert all(there)
 
 
 def test_an_older_capture_does_not_push_a_newer_one_aside(space, trash):

@@ -382,8 +382,10 @@ class GenicamCamera(Closing):
 
         complete = ask("status", c.c_int) == STATUS_SUCCESS
         arrived_ns = ask("system_timestamp", c.c_uint64)
-        # The library stamps frames with the time of day.
-        host_s = time.monotonic() - (time.time() - 1e-9 * arrived_ns)
+        host_s = time.monotonic()
+        # The library stamps frames with the time of day, but none whose first packet was lost.
+        if arrived_ns:
+            host_s -= time.time() - 1e-9 * arrived_ns
         return Grab(
             self._pixels(buffer, complete),
             host_s,

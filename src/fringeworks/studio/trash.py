@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import threading
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -90,16 +91,16 @@ class Trash:
         """
         if not self.space.inside(name).exists():
             raise InputError(f"{name}: expected a file or folder of the studio, got none")
-        return self._put(what, (name,), move=True)
+        return self._put(what, (name,), moved=(name,))
 
     def clear(self, names: Sequence[str], what: str) -> Entry:
         """Move several files and folders to the trash at once; missing ones are passed over."""
         there = tuple(name for name in names if self.space.inside(name).exists())
-        return self._put(what, there, move=True)
+        return self._put(what, there, moved=there)
 
     def before(self, names: Sequence[str], what: str) -> Entry:
         """Keep files as they are before they are replaced; missing ones are noted as such."""
-        return self._put(what, tuple(names), move=False)
+        return self._put(what, tuple(names))
 
     def rename(self, old: str, new: str) -> Entry:
         """Give a file or folder another name.
@@ -131,11 +132,14 @@ class Trash:
             else:
                 self._refuse_taken(entry)
                 if any(self.space.inside(name).exists() for name in entry.names):
-                    self._put(f"undone: {entry.what}", entry.names, move=True, again=True)
+                    # Others may read a file at any moment: it is never missing between the two.
+                    moved = set(entry.names) - {n for n in entry.kept if self._is_file(entry, n)}
+                    self._put(f"undone: {entry.what}", entry.names, moved=moved, again=True)
                 for name in entry.kept:
                     target = self.space.inside(name)
                     target.parent.mkdir(parents=True, exist_ok=True)
-                    shutil.move(self._folder(entry) / name, target)
+                    kept = self._folder(entry) / name
+                    os.replace(kept, target) if kept.is_file() else shutil.move(kept, target)
             self._forget(entry)
             return f"Undone: {entry.what}."
 
@@ -149,6 +153,10 @@ class Trash:
     def _forget(self, entry: Entry) -> None:
         shutil.rmtree(self._folder(entry), ignore_errors=True)
         self._known = (-1, [])
+
+    def _is_file(self, entry: Entry, name: str) -> bool:
+        """Whether an entry holds a file of a name, and the studio's folder has one as well."""
+        return (self._folder(entry) / name).is_file() and self.space.inside(name).is_file()
 
     def _refuse_taken(self, entry: Entry) -> None:
         """Captures are not pushed aside by older ones of the same name."""
@@ -167,7 +175,15 @@ class Trash:
         except OSError as error:
             raise FileProblem(f"{old}: could not be renamed: {error.strerror}") from error
 
-    def _put(self, what: str, names: tuple[str, ...], *, move: bool, again: bool = False) -> Entry:
+    def _put(
+        self,
+        what: str,
+        names: tuple[str, ...],
+        *,
+        moved: Collection[str] = (),
+        again: bool = False,
+    ) -> Entry:
+        """Keep files in the trash: some are moved there, the others copied."""
         with self._lock:
             kept = tuple(name for name in names if self.space.inside(name).exists())
             entry = self._new(what, names=names, kept=kept, again=again)
@@ -176,7 +192,8 @@ class Trash:
                     place = self._folder(entry) / name
                     place.parent.mkdir(parents=True, exist_ok=True)
                     # What is being replaced stays where it is until the new one is complete.
-                    (shutil.move if move else shutil.copy2)(self.space.inside(name), place)
+                    keep = shutil.move if name in moved else shutil.copy2
+                    keep(self.space.inside(name), place)
             except OSError as error:
                 raise FileProblem(
                     f"{what}: could not be moved to the trash: {error.strerror}"

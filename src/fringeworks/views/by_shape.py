@@ -218,7 +218,8 @@ def _turns(
     several += [a @ b for a in several[1:] for b in several[1:]]
     several = distinct(several, first.middle_mm, first.other_pose, MOST_POSES**2)
     least = MOST_AGAINST * len(first.view.xyz_mm)
-    return [T for T in several if contradictions(first.sight, first.sight, T) <= least]
+    one = first.sight
+    return [T for T in several if contradictions(one, one, T, most=least) <= least]
 
 
 class _Search:

@@ -43,9 +43,12 @@ class Sight:
         self._side = max(self._side, float(np.ptp(at, axis=0).max()) / MOST_CELLS)
         self._low = at.min(axis=0)
         cell = np.rint((at - self._low) / self._side).astype(np.intp) + 1
-        self._cells = np.full(cell.max(axis=0) + 2, -1, np.intp)
-        self._cells[tuple(cell.T)] = np.arange(len(at))
-        self._cell = cell
+        shape = cell.max(axis=0) + 2
+        self._shape = int(shape[0]), int(shape[1])
+        self._cell = cell @ (self._shape[1], 1)
+        self._cells = np.full(self._shape[0] * self._shape[1], -1, np.intp)
+        self._cells[self._cell] = np.arange(len(at))
+        self._variance = view.sigma_mm**2
 
     def in_front(
         self, moved: SurfacePoints, *, sigmas: float, reach_mm: float = 0.0
@@ -65,35 +68,41 @@ class Sight:
         points lie in front of the planes through all nine points around the same direction, so
         that creases do not count.
         """
-        z = moved.xyz_mm[:, 2]
-        index = np.flatnonzero((z > 0.0) & (np.sum(moved.normals * moved.xyz_mm, axis=1) < 0.0))
-        at = moved.xyz_mm[index, :2] / z[index, None]
-        cell = np.rint((at - self._low) / self._side).astype(np.intp) + 1
-        inside = ((cell > 0) & (cell < np.array(self._cells.shape) - 1)).all(axis=1)
-        inside[inside] = self._cells[tuple(cell[inside].T)] >= 0
-        index, cell = index[inside], cell[inside]
+        xyz, normals = moved.xyz_mm, moved.normals
+        index = np.flatnonzero(
+            (xyz[:, 2] > 0.0) & (np.einsum("ij,ij->i", normals, xyz, optimize=False) < 0.0)
+        )
+        xyz = xyz[index]
+        cell = np.rint((xyz[:, :2] / xyz[:, 2:] - self._low) / self._side).astype(np.intp) + 1
+        inside = ((cell > 0) & (cell < np.array(self._shape) - 1)).all(axis=1)
+        index, xyz, at = index[inside], xyz[inside], cell[inside] @ (self._shape[1], 1)
+        known = self._cells[at] >= 0
+        index, xyz, at = index[known], xyz[known], at[known]
+        variance = moved.sigma_mm[index] ** 2
         seen = len(index)
-        for step in AROUND:
-            there = self._cells[tuple((cell + step).T)]
-            off = np.sum(
-                (moved.xyz_mm[index] - self.view.xyz_mm[there]) * self.view.normals[there], axis=1
+        for step in AROUND @ (self._shape[1], 1):
+            there = self._cells[at + step]
+            off = np.einsum(
+                "ij,ij->i", xyz - self.view.xyz_mm[there], self.view.normals[there], optimize=False
             )
-            sigma = np.sqrt(moved.sigma_mm[index] ** 2 + self.view.sigma_mm[there] ** 2)
+            sigma = np.sqrt(variance + self._variance[there])
             kept = (there < 0) | (off > reach_mm + sigmas * sigma)
-            index, cell = index[kept], cell[kept]
+            index, xyz, at, variance = index[kept], xyz[kept], at[kept], variance[kept]
         return index, seen
 
     def contradicted(self, other: Sight, T_other_view: FloatMap, chi: float) -> int:
         """Count the pixels of this view that lie, with most of their neighbours, in front of what
         the other one sees."""
         index, _ = other.in_front(self.view.moved(T_other_view), sigmas=SIGMAS * chi)
-        against = np.zeros(self._cells.shape, np.uint8)
-        against[tuple(self._cell[index].T)] = 1
+        against = np.zeros(self._shape, np.uint8)
+        against.flat[self._cell[index]] = 1
         around = scipy.ndimage.convolve(against, np.ones((3, 3), np.uint8), mode="constant")
         return int(np.count_nonzero(against & (around >= ALIKE)))
 
 
-def contradictions(one: Sight, other: Sight, T_other_one: FloatMap, chi: float = 1.0) -> int:
+def contradictions(
+    one: Sight, other: Sight, T_other_one: FloatMap, chi: float = 1.0, *, most: float = np.inf
+) -> int:
     """Count the places where two views contradict each other.
 
     Parameters
@@ -103,15 +112,18 @@ def contradictions(one: Sight, other: Sight, T_other_one: FloatMap, chi: float =
         Maps the camera coordinates of ``one`` to those of ``other``, mm.
     chi : float ≥ 1
         Factor by which the views differ more than their σ.
+    most : float
+        Number beyond which they need not be counted to the end.
 
     Returns
     -------
     int, pixels of both views. A point that lies between the other camera and the surface that this
     camera has measured would hide that surface, so that no true pose has such points.
     """
-    return one.contradicted(other, T_other_one, chi) + other.contradicted(
-        one, inverse(T_other_one), chi
-    )
+    count = one.contradicted(other, T_other_one, chi)
+    if count > most:
+        return count
+    return count + other.contradicted(one, inverse(T_other_one), chi)
 
 
 def beyond_chance(count: int, least: int) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,6 +13,7 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack import words
 from fringeworks.stack.agreement import LineEvidence
+from fringeworks.stack.frame_motion import by_motion, moved_rather
 from fringeworks.stack.gray_frames import refuse_unequal_levels, resolution
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.noise import measure_noise, neighbour_noise, spatial_noise, usable
@@ -154,9 +155,12 @@ def examine(
             found = {axis: _beside_code(axis, f, sample, beside) for axis, f in found.items()}
         if estimate_response:
             _refuse_unknown_response(found)
+        moved = _moved_rather(found, sample)
         for axis_found in found.values():
-            _refuse_unlike(axis_found.decoding, plan)
-            findings += _of_steps(axis_found.decoding, plan)
+            _refuse_unlike(axis_found.decoding, plan, moved)
+        found = {axis: _with_unknown_rest(f, moved) for axis, f in found.items()}
+        for axis_found in found.values():
+            findings += _of_steps(axis_found.decoding, plan, moved)
             findings += axis_found.findings
         # Motion and vibration move the fringes as well: they are named first.
         findings += beside
@@ -245,21 +249,54 @@ def _beside_code(axis: Axis, found: Refined, sample: Sample, findings: list[Find
     return replace(found, pull_px=float(np.hypot(found.pull_px, seen.offset_px)))
 
 
-def _refuse_unlike(decoding: Decoding, plan: PatternPlan) -> None:
-    """Refuse sets whose frames are so different from the plan that they must be others."""
+def _moved_rather(found: Mapping[Axis, Refined], sample: Sample) -> float:
+    """Logarithm of the likelihood of motion between frames over that of other steps, by all sets
+    whose steps are not those of the plan."""
+    return sum(
+        moved_rather(phases, [sample.lines[axis][k] for k in phases.frames])
+        for axis, one in found.items()
+        for phases in one.decoding.sets
+        if phases.design
+    )
+
+
+def _with_unknown_rest(found: Refined, moved: float) -> Refined:
+    """With what motion between the frames leaves open in σ: their mean place is that of the scene
+    at rest up to the scatter of the frames over √N."""
+    finest = min(found.decoding.sets, key=lambda phases: phases.period_px, default=None)
+    if finest is None or not finest.design:
+        return found
+    off = step_errors(RealFrames(np.array(finest.rows)).shifts_rad, finest.shifts_rad)
+    if not by_motion(moved, off):
+        return found
+    frames = len(off)
+    scatter_px = finest.period_px / TURN * (float(np.sum(off**2)) / (frames - 1)) ** 0.5
+    return replace(found, pull_px=float(np.hypot(found.pull_px, scatter_px / frames**0.5)))
+
+
+def _refuse_unlike(decoding: Decoding, plan: PatternPlan, moved: float) -> None:
+    """Refuse sets whose frames are so different from the plan that they must be others, or taken
+    of a scene that moved."""
     labels = plan.labels()
     for phases in decoding.sets:
         found = RealFrames(np.array(phases.rows))
         off = step_errors(found.shifts_rad, phases.shifts_rad)
         light = found.light_gains - 1.0
-        unlike = (np.abs(off) > MOST_STEP_ERROR_RAD) | (np.abs(light) > MOST_LIGHT_CHANGE)
-        if unlike.any():
-            named = ", ".join(labels[phases.frames[k]] for k in np.flatnonzero(unlike))
+        turned, other = np.abs(off) > MOST_STEP_ERROR_RAD, np.abs(light) > MOST_LIGHT_CHANGE
+        if not (turned | other).any():
+            continue
+        named = ", ".join(labels[phases.frames[k]] for k in np.flatnonzero(turned | other))
+        angle, share = np.degrees(np.abs(off).max()), 100 * np.abs(light).max()
+        if moved >= 0.0 and not other.any():
             raise FramesContradictPlan(
-                f"frame {named}: its phase step or its light is not that of the plan, by up to "
-                f"{np.degrees(np.abs(off).max()):.0f}° and {100 * np.abs(light).max():.0f} %; "
-                "expected the steps of the plan, under the same light"
+                f"frame {named}: the camera or the scene moved between the frames, so that phase "
+                f"steps are off by up to {angle:.0f}°, or they are not those of the plan; expected "
+                "everything at rest"
             )
+        raise FramesContradictPlan(
+            f"frame {named}: its phase step or its light is not that of the plan, by up to "
+            f"{angle:.0f}° and {share:.0f} %; expected the steps of the plan, under the same light"
+        )
 
 
 def _refuse_unknown_response(found: dict[Axis, Refined]) -> None:
@@ -272,9 +309,9 @@ def _refuse_unknown_response(found: dict[Axis, Refined]) -> None:
             )
 
 
-def _of_steps(decoding: Decoding, plan: PatternPlan) -> list[Finding]:
+def _of_steps(decoding: Decoding, plan: PatternPlan, moved: float) -> list[Finding]:
     """Findings about steps and gains that differ from the plan."""
-    found = [words.real_frames(s, decoding.axis, plan.labels()) for s in decoding.sets]
+    found = [words.real_frames(s, decoding.axis, plan.labels(), moved) for s in decoding.sets]
     return [finding for finding in found if finding is not None]
 
 

@@ -72,6 +72,12 @@ class GridPull:
         of a pixel, so that what is left out does not matter."""
         return self.all_px if self.significance > SIGNIFICANT_AMPLITUDE else 0.0
 
+    def at(self, coordinate: FloatMap) -> FloatMap:
+        """The error of coordinates, projector px, of their shape."""
+        angle = TURN * coordinate
+        waves = [b * np.sin(k * angle) for k, b in zip(ORDERS, self.amplitudes_px, strict=True)]
+        return np.asarray(np.sum(waves, axis=0), coordinate.dtype)
+
 
 def measure_pull(coordinate: FloatMap) -> GridPull | None:
     """Measure the pull from coordinates along lines.

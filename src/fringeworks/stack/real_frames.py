@@ -71,6 +71,21 @@ class RealFrames:
         return np.asarray(np.arctan2(q, k))
 
     @property
+    def shifts_under_other_light_rad(self) -> NDArray[np.float64]:
+        """Phase steps δ_n, rad, if light that does not come from the projector changed.
+
+        It changes α_n alone: (k_n, q_n) − α_n (β, γ) lie on a circle about zero, with unknown
+        shares β and γ of c and s in A.
+        """
+        light, k, q = self.design.T
+        share = np.zeros(2)
+        for _ in range(PASSES):
+            k, q = k - light * share[0], q - light * share[1]
+            conic = np.column_stack((2.0 * light * k, 2.0 * light * q, np.ones_like(k)))
+            share = np.linalg.lstsq(conic, k**2 + q**2, rcond=None)[0]
+        return np.asarray(np.arctan2(q, k))
+
+    @property
     def fringe_gains(self) -> NDArray[np.float64]:
         """Modulation over background of every frame, relative to the mean of all."""
         gains = np.hypot(*self._circle())

@@ -224,7 +224,8 @@ def _compared(
     pull_px = 0.0 if pull is None else RIPPLE_FACTOR * pull.rms_px
     usual = sigma[np.isfinite(sigma)]
     if pull is not None and pull_px**2 > (NOTABLE_RATIO - 1.0) * median(usual) ** 2:
-        findings = (*findings, words.pixel_grid(decoding.axis, pull.rms_px))
+        # What is left of it, as it differs from place to place, looks like correlated noise.
+        findings = (words.pixel_grid(decoding.axis, pull.rms_px), *findings)
     edges = _have_edges(coordinate, sigma, maps["modulation"], blur, fringes)
     if blur is not None:
         # Higher orders of the blur are left of large shifts: they say nothing of the scatter.
@@ -321,8 +322,7 @@ def _with_line_scatter(
     if finest is not None and finest.excess > LINES_NOISE_ALONE:
         maps = decode_sample(decoding, lines, known.noise, known.limits.open)
         bent &= not finest.told  # its brightness tells all harmonics of a response
-        finest = _without_blur(decoding, maps, known, k) or finest
-        finest = _without_pull(finest, decoding, maps["coordinate"], k)
+        finest = _without_shifts(decoding, maps, known, k) or finest
         if not bent:
             # Creases of the surface lie within windows as well.
             by_pixels = _of_pixels(decoding, maps, known, k)
@@ -353,30 +353,26 @@ def _of_pixels(decoding: Decoding, maps: dict[str, Any], known: Known, k: int) -
     return pixel_excess(coordinate, sigma, decoding.most_scatter_px, reach_px)
 
 
-def _without_blur(decoding: Decoding, maps: dict[str, Any], known: Known, k: int) -> Ripple | None:
-    """The ripple of a set along lines without the shift by blur, which is taken out of the maps'
-    phases; None where there is no shift."""
+def _without_shifts(
+    decoding: Decoding, maps: dict[str, Any], known: Known, k: int
+) -> Ripple | None:
+    """The ripple of a set along lines without the shifts by blur and by the pixel grid, which are
+    parts of σ by themselves and are taken out of the maps' phases; None where there are none."""
     seen = (maps["coordinate"], maps["sigma"], Light.of(maps))
-    blur = line_shift(*seen, **fringes_of(decoding))
-    if blur is None:
+    shift = line_shift(*seen, **fringes_of(decoding))
+    coordinate = maps["coordinate"] if shift is None else maps["coordinate"] - shift
+    pull = _pull(decoding, coordinate)
+    if pull is not None and pull.rms_px > 0.0:
+        shift = pull.at(coordinate) if shift is None else shift + pull.at(coordinate)
+    if shift is None:
         return None
-    maps["phases"][k] -= TURN / decoding.sets[k].period_px * blur
+    maps["phases"][k] -= np.nan_to_num(TURN / decoding.sets[k].period_px * shift)
     return line_ripple(decoding.sets[k], maps, k, known)
 
 
 def _pull(decoding: Decoding, coordinate: FloatMap) -> GridPull | None:
     """The pull of the pixel grid; None where coordinates repeat, and so do not count its pixels."""
     return None if np.isfinite(decoding.repeats_px) else measure_pull(coordinate)
-
-
-def _without_pull(ripple: Ripple, decoding: Decoding, coordinate: FloatMap, k: int) -> Ripple:
-    """The ripple of a set with less scatter: without that of the pixel grid, which is a part of σ
-    by itself."""
-    pull = _pull(decoding, coordinate)
-    if pull is None or ripple.noise_rad == 0.0:
-        return ripple
-    pull_rad = TURN / decoding.sets[k].period_px * pull.rms_px
-    return replace(ripple, excess=ripple.excess - (pull_rad / ripple.noise_rad) ** 2)
 
 
 def _uneven_residuals(decoding: Decoding, sample: Sample, known: Known) -> bool:

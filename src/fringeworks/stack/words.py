@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import PatternPlan
+from fringeworks.stack.frame_motion import by_motion, steadily
 from fringeworks.stack.kernel_settings import MIN_SNR, Decoding, Limits, PhaseFrames
 from fringeworks.stack.real_frames import RealFrames
 from fringeworks.stack.shifts import step_errors
@@ -23,8 +24,12 @@ OF_LIGHT = 2.0
 that changes turned the steps of simulated stacks by 0.7 to 1.2 of its share; wrong steps changed
 the light by a twentieth of theirs at most."""
 
-STEADY = 0.8
-"""Correlation with the number of the frame above which a change over the frames is steady."""
+OF_STEADY_LIGHT = 5.0
+"""The same for light that changes steadily: lines turn by up to 2.4 of its share."""
+
+LEFT_BY_LIGHT = 0.5
+"""Share of the errors of the steps that other light leaves from which on it is not their cause: it
+leaves their noise where it is, and all of them where steps are wrong."""
 
 NOTABLE_DEG = 0.3
 """Error of a phase step from which on it is reported as one, degrees. Empirical."""
@@ -187,47 +192,63 @@ def apart(axis: Axis, found: Convention) -> Finding:
     )
 
 
-def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str]) -> Finding | None:
-    """Steps and gains that differ from the plan; None where they hardly do."""
+def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str], moved: float) -> Finding | None:
+    """Steps and gains that differ from the plan; None where they hardly do.
+
+    ``moved`` is positive where the paint moved with the fringes, negative where it did not.
+    """
     if not phases.design or phases.unsure:
         return None
     found = RealFrames(np.array(phases.design))
     planned = np.asarray(phases.shifts_rad)
     off = np.degrees(step_errors(found.shifts_rad, planned))
     light, fringe = found.light_gains - 1.0, found.fringe_gains - 1.0
-    if np.abs(off).max() < NOTABLE_DEG and np.abs(light).max() < NOTABLE_GAIN:
+    largest = float(np.abs(off).max())
+    if largest < NOTABLE_DEG and np.abs(light).max() < NOTABLE_GAIN:
         return None
-    number = np.arange(len(planned))
     steps = (
         f"steps of {phases.period_px:g} px along {axis}: "
         f"{', '.join(f'{d:.1f}' for d in np.degrees(planned) + off)}°, "
-        f"off by up to {np.abs(off).max():.1f}°"
+        f"off by up to {largest:.1f}°"
     )
     named = tuple(labels[k] for k in phases.frames)
     most = int(np.argmax(np.abs(light)))
     share = f"{100 * np.abs(light[most]):.1f} %"
     gains = f"light of {named[most]} differs from the mean by {share}, that of the others by less"
     figures = {
-        "largest_step_error_deg": float(np.abs(off).max()),
+        "largest_step_error_deg": largest,
         "largest_light_change": float(np.abs(light).max()),
         "largest_fringe_change": float(np.abs(fringe).max()),
     }
     seen = f"{steps}, {gains}; taken into account"
-    turned = np.radians(np.abs(off).max()) > OF_LIGHT * np.abs(light).max()
-    moved = np.abs(off).max() > NOTABLE_DEG and abs(np.corrcoef(number, off)[0, 1]) > STEADY
-    if turned and moved:
-        causes = ("motion during the capture", "a step that is wrong by the same amount each time")
-        advice = "keep the scene at rest or take the frames faster"
-        return Finding("motion", seen, causes, advice, axis, named, figures)
-    if turned:
-        sources = ("wrong steps of the projector", "vibration", "a response that is not linear")
-        advice = "check the patterns that are really shown and the mounts of the devices"
-        return Finding("steps", seen, sources, advice, axis, named, figures)
-    steady = abs(np.corrcoef(number, light)[0, 1]) > STEADY
+    by_light = np.radians(largest) < np.abs(light).max() * (
+        OF_STEADY_LIGHT if steadily(light) else OF_LIGHT
+    )
+    other = np.degrees(step_errors(found.shifts_under_other_light_rad, planned))
+    if not by_light and np.abs(other).max() > LEFT_BY_LIGHT * largest:
+        kind, causes, advice = _turned_frames(moved, np.radians(off))
+        return Finding(kind, seen, causes, advice, axis, named, figures)
     causes = ("flicker of the projector against the exposure", "a change of the light in the room")
-    causes = causes[::-1] if steady else causes
+    causes = causes[::-1] if steadily(light) else causes
     advice = "expose for whole periods of the projector's refresh, and keep the light constant"
     return Finding("flicker", seen, causes, advice, axis, named, figures)
+
+
+def _turned_frames(moved: float, off_rad: NDArray[np.float64]) -> tuple[str, tuple[str, ...], str]:
+    """Kind, causes and advice where the phases of frames are turned."""
+    rest = "keep the scene and the devices at rest, or take the frames faster"
+    causes: tuple[str, ...]
+    if by_motion(moved, off_rad):
+        causes = ("vibration or motion during the capture", "wrong steps of the projector")
+        return "motion", causes[:1] if moved > 0.0 else causes, rest
+    notable = np.degrees(np.abs(off_rad).max()) > NOTABLE_DEG
+    if moved == 0.0 and notable and steadily(off_rad):
+        causes = ("motion during the capture", "a step that is wrong by the same amount each time")
+        return "motion", causes, rest
+    causes = ("wrong steps of the projector", "vibration", "a response that is not linear")
+    causes = causes if moved == 0.0 else causes[::2]
+    advice = "check the patterns that are really shown and the mounts of the devices"
+    return "steps", causes, advice
 
 
 def ripple(

@@ -1,0 +1,141 @@
+"""Whether a camera that moved or other steps of the projector turned the phases of a set.
+
+Both change the phase steps of the frames alike. A camera or a scene that moves between the frames
+moves the paint of the surface as well, and wrong steps do not: what the fit of the real steps
+leaves follows the slope of the brightness then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.stack.fits import fit_matrices, times
+from fringeworks.stack.kernel_settings import PhaseFrames
+from fringeworks.stack.real_frames import OUTLIERS, RealFrames
+from fringeworks.stack.shifts import step_errors
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median
+from fringeworks.types import FloatMap
+
+PAINT_SIGMAS = 4.0
+"""Slope of the brightness, in standard deviations of its noise, from which on it is paint: one of
+16,000 slopes of even surfaces is larger, where edges of paint have hundreds."""
+SMOOTH_RAD = 0.5
+"""Change of the slope of the phase from pixel to pixel beyond which a depth step moves the fringes
+as well, rad: curved surfaces have a tenth of it."""
+FEWEST = 50
+"""Pixels with paint for a statement."""
+OF_PROJECTORS_RAD = 0.35
+"""Errors of single steps, rad, from which on they are rather those of motion, where no paint tells.
+Projectors show the steps of their pictures; with light of the next picture and a response that is
+not linear, they err by less."""
+STEADY = 0.8
+"""Correlation with the number of the frame above which a change over the frames is steady."""
+
+
+def steadily(changes: NDArray[np.float64]) -> bool:
+    """Whether something changes steadily from frame to frame."""
+    return bool(abs(np.corrcoef(np.arange(len(changes)), changes)[0, 1]) > STEADY)
+
+
+def by_motion(moved: float, off_rad: NDArray[np.float64]) -> bool:
+    """Whether motion between the frames turned their phases, rather than the projector.
+
+    Parameters
+    ----------
+    moved : float
+        Of ``moved_rather``, over all sets.
+    off_rad : (N,) array
+        Errors of the steps of a set, rad.
+    """
+    if moved != 0.0:
+        return moved > 0.0
+    return float(np.abs(off_rad).max()) > OF_PROJECTORS_RAD and not steadily(off_rad)
+
+
+def moved_rather(phases: PhaseFrames, lines: Sequence[NDArray[Any]]) -> float:
+    """Compare motion between the frames of a set with other steps of the projector.
+
+    Parameters
+    ----------
+    phases : PhaseFrames
+        With the rows that the frames show.
+    lines : (r, l) arrays, one per frame of the set, counts
+        Along lines across the fringes.
+
+    Returns
+    -------
+    float
+        Logarithm of the likelihood of motion over that of other steps; 0 where the frames do not
+        tell: without paint, of three frames, and of sharp lines, whose harmonics are left as well.
+
+    Notes
+    -----
+    A frame that lies d_n further along the line shows M_n − d_n (∂ ln A/∂u) M_n of the paint, with
+    M_n what the fit has of it, and a phase step that is larger by d_n ∂φ/∂u. The displacements by
+    the paint are normally distributed about those by the steps if there was motion, and about zero
+    if the steps are others.
+    """
+    frames = len(phases.frames)
+    if phases.line_px is not None:
+        return 0.0
+    values = np.stack([line.astype(np.float64) for line in lines])
+    design, solver = fit_matrices(phases.rows)
+    if frames < 4 or solver is None or values.shape[2] < 3:
+        return 0.0
+    fitted = times(solver, values.reshape(frames, -1)).reshape(3, *values.shape[1:])
+    wave = fitted[1] + 1j * fitted[2]
+    turn = np.angle(wave[:, 1:] * np.conj(wave[:, :-1]))
+    slope, bend = 0.5 * (turn[:, 1:] + turn[:, :-1]), np.abs(turn[:, 1:] - turn[:, :-1])
+    light = fitted[0]
+    paint = 0.5 * (light[:, 2:] - light[:, :-2])
+    across = np.linalg.qr(design, mode="complete")[0][:, 3:]
+    inner = values[:, :, 1:-1]
+    left = times(np.ascontiguousarray(across.T), inner.reshape(frames, -1))
+    left = left.reshape(frames - 3, *inner.shape[1:])
+    square = np.sum(left**2, axis=0)
+    usual = median(np.abs(paint[np.isfinite(paint)])) / NORMAL_MEDIAN
+    kept = (np.abs(paint) > PAINT_SIGMAS * usual) & (bend < SMOOTH_RAD)
+    kept &= np.isfinite(square) & (light[:, 1:-1] > 0.0)
+    if np.count_nonzero(kept) < FEWEST:
+        return 0.0
+    model = times(design, fitted[:, :, 1:-1][:, kept])
+    share = paint[kept] / light[:, 1:-1][kept]
+    found = _displacements(across, model * share, left[:, kept])
+    off = step_errors(RealFrames(np.array(phases.rows)).shifts_rad, phases.shifts_rad)
+    by_steps = off / median(slope[kept])
+    if found is None:
+        return 0.0
+    by_paint, inverse = found
+    return float(by_steps @ inverse @ (by_paint - 0.5 * by_steps))
+
+
+def _displacements(
+    across: FloatMap, paint: FloatMap, left: FloatMap
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Displacements of the frames by their paint, camera px, and their inverse covariance; their
+    mean is zero. None where the pixels do not tell them.
+
+    ``paint`` is the slope of every frame along the line by its paint, (N, n), counts/px, and
+    ``left`` what no steps explain, (N − 3, n), counts.
+    """
+    frames = len(paint)
+    basis = np.linalg.qr(np.ones((frames, 1)), mode="complete")[0][:, 1:]
+    kept = np.ones(left.shape[1], bool)
+    for _ in range(2):
+        rows = -np.einsum("nf,nm,np->fmp", across, basis, paint[:, kept], optimize=True)
+        flat = rows.transpose(1, 0, 2).reshape(frames - 1, -1)
+        normal, projected = flat @ flat.T, flat @ left[:, kept].ravel()
+        shares = np.linalg.lstsq(normal, projected, rcond=None)[0]
+        residual = np.full(left.shape, np.inf)
+        residual[:, kept] = left[:, kept] - (shares @ flat).reshape(frames - 3, -1)
+        square = np.sum(residual**2, axis=0)
+        free = np.count_nonzero(kept) * (frames - 3) - (frames - 1)
+        variance = float(np.sum(square[kept])) / free
+        kept = square <= OUTLIERS * median(square[kept])
+    if not variance > 0.0:
+        return None
+    return basis @ shares, basis @ (normal / variance) @ basis.T

@@ -272,3 +272,57 @@ def test_a_wrong_step_is_no_change_of_the_light(count):
         turned[1] += np.radians(3.0)
         blocks.append(PhaseSteps("x", block.period_px, tuple(turned)))
     assert told_of(photographed(plan_of(*blocks), 5), plan).split(", ")[0] == "steps"
+
+
+SHAKEN = {
+    "nested": (steps(16.0, 6), steps(80.0, 6), steps(640.0, 6)),
+    "code": (*LIGHT, GrayCode("x", 20.0, WIDTH), steps(20.0, 6)),
+}
+
+
+@pytest.mark.parametrize("name", SHAKEN)
+@pytest.mark.parametrize("seed", [91, 92])
+def test_vibration_is_told_from_wrong_steps(name, seed):
+    """Both turn the phases of frames; only vibration moves the paint. It was called wrong steps,
+    and up to two thirds of the pixels were beyond 5 σ."""
+    plan = plan_of(*SHAKEN[name])
+    shaken = fw.decode(photographed(plan, seed, shake=0.3), plan)
+    kinds = [one.kind for one in shaken.findings if one.rank]
+    assert kinds[0] == "motion", kinds
+    x = surface(seed)[0].reshape(SHAPE[0], FINE, SHAPE[1], FINE).mean(axis=(1, 3))
+    ratio = np.abs(shaken.x.coordinate_px - x) / shaken.x.sigma_px
+    ratio = ratio[np.isfinite(ratio)]
+    assert ratio.size > 0.8 * x.size
+    assert np.mean(ratio <= 2.0) > 0.9
+    rng = np.random.default_rng(seed)
+    wrong = [
+        PhaseSteps("x", b.period_px, b.shifts_rad + np.radians(4.0) * rng.standard_normal(6))
+        if isinstance(b, PhaseSteps)
+        else b
+        for b in plan.blocks
+    ]
+    seen = fw.decode(photographed(plan_of(*wrong), seed), plan)
+    told = [(one.kind, one.causes[0]) for one in seen.findings if one.rank]
+    assert told[0] == ("steps", "wrong steps of the projector"), told
+
+
+def test_light_that_drifts_turns_no_steps():
+    """The frames of a set show more and more light of the room: that is not called wrong steps."""
+    plan = plan_of(*SHAKEN["nested"])
+    frames = [
+        np.clip(frame + k, 0, 255).astype(np.uint8)
+        for k, frame in enumerate(photographed(plan, 93))
+    ]
+    told = [one.kind for one in fw.decode(frames, plan).findings if one.rank]
+    assert told[:1] == ["flicker"], told
+
+
+def test_a_repeated_frame_of_lines_is_named():
+    """Lines of which a frame repeats the one before fit a set of other steps."""
+    plan = plan_of(GrayCode("x", 12.0, WIDTH, inverse=True), steps(12.0, 6, line=2.0))
+    frames = photographed(plan, 94)
+    again = photographed(plan, 94, noise=1.3)
+    first = plan.frames - 6
+    frames[first + 2] = again[first + 1]
+    label = plan.labels()[first + 2]
+    assert refusal(frames, plan).startswith(f"frame {label}: it repeats frame")

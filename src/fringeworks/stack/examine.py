@@ -17,7 +17,7 @@ from fringeworks.stack.frame_motion import by_motion, moved_rather
 from fringeworks.stack.gray_frames import refuse_unequal_levels, resolution
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.noise import measure_noise, neighbour_noise, spatial_noise, usable
-from fringeworks.stack.order_faults import refuse_order_faults, refuse_unrelated
+from fringeworks.stack.order_faults import refuse_order_faults, refuse_unrelated, repeats_in_words
 from fringeworks.stack.other_patterns import other_exposures
 from fringeworks.stack.real_frames import RealFrames, design_rows, fit_frames
 from fringeworks.stack.refine import Refined, refined
@@ -45,6 +45,10 @@ MIN_NOISE = 1e-30
 
 MOST_STEP_ERROR_RAD = 1.0
 """Largest error of a phase step that is taken into account, rad; beyond, it is another pattern."""
+
+SAME_STEP_RAD = 0.02
+"""Largest step between two frames that are the same, rad: noise makes 0.002 in samples of usual
+size, and motion comes as near to a step of zero at one frame of fifty."""
 
 MOST_LIGHT_CHANGE = 0.6
 """Largest change of the light of a frame that is taken into account, as a share of the mean. A lamp
@@ -282,6 +286,7 @@ def _refuse_unlike(decoding: Decoding, plan: PatternPlan, moved: float) -> None:
         found = RealFrames(np.array(phases.rows))
         off = step_errors(found.shifts_rad, phases.shifts_rad)
         light = found.light_gains - 1.0
+        _refuse_repeated(phases, found, plan)
         turned, other = np.abs(off) > MOST_STEP_ERROR_RAD, np.abs(light) > MOST_LIGHT_CHANGE
         if not (turned | other).any():
             continue
@@ -297,6 +302,14 @@ def _refuse_unlike(decoding: Decoding, plan: PatternPlan, moved: float) -> None:
             f"frame {named}: its phase step or its light is not that of the plan, by up to "
             f"{angle:.0f}° and {share:.0f} %; expected the steps of the plan, under the same light"
         )
+
+
+def _refuse_repeated(phases: PhaseFrames, found: RealFrames, plan: PatternPlan) -> None:
+    """Refuse a set of which a frame shows the same step as the one before it."""
+    step = np.angle(np.exp(1j * np.diff(found.shifts_rad)))
+    for k in np.flatnonzero(np.abs(step) < SAME_STEP_RAD):
+        if abs(np.angle(np.exp(1j * np.diff(phases.shifts_rad)[k]))) > 0.5 * MOST_STEP_ERROR_RAD:
+            raise FramesContradictPlan(repeats_in_words(plan, phases.frames[k + 1]))
 
 
 def _refuse_unknown_response(found: dict[Axis, Refined]) -> None:

@@ -131,7 +131,7 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence, *, moves: bool = 
         _refuse_blurred(plan, evidence)
         _refuse_equal(plan, evidence)
         repeated = _repeated(plan, evidence)
-    also = _repeats_in_words(plan, repeated[0]) if repeated else ""
+    also = repeats_in_words(plan, repeated[0]) if repeated else ""
     if repeated and repeated[0] < plan.frames - 1:
         raise FramesContradictPlan(also)
     candidates = late_rows(plan, evidence, planned) if planned else iter(())
@@ -534,7 +534,8 @@ def _refuse_equal(plan: PatternPlan, evidence: Evidence) -> None:
         )
 
 
-def _repeats_in_words(plan: PatternPlan, frame: int) -> str:
+def repeats_in_words(plan: PatternPlan, frame: int) -> str:
+    """That a frame repeats the one before it."""
     labels = plan.labels()
     return (
         f"frame {labels[frame]}: it repeats frame {labels[frame - 1]}; expected another pattern (a "

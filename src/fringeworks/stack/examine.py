@@ -13,7 +13,7 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack import words
 from fringeworks.stack.agreement import LineEvidence
-from fringeworks.stack.frame_motion import by_motion, moved_rather
+from fringeworks.stack.frame_motion import by_motion, moved_rather, pairs_apart
 from fringeworks.stack.gray_frames import refuse_unequal_levels, resolution
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.noise import measure_noise, neighbour_noise, spatial_noise, usable
@@ -256,12 +256,14 @@ def _beside_code(axis: Axis, found: Refined, sample: Sample, findings: list[Find
 def _moved_rather(found: Mapping[Axis, Refined], sample: Sample) -> float:
     """Logarithm of the likelihood of motion between frames over that of other steps, by all sets
     whose steps are not those of the plan."""
-    return sum(
-        moved_rather(phases, [sample.lines[axis][k] for k in phases.frames])
-        for axis, one in found.items()
-        for phases in one.decoding.sets
-        if phases.design
-    )
+    told, apart = 0.0, 0.0
+    for axis, one in found.items():
+        lines = dict(enumerate(sample.lines[axis]))
+        turned = [phases for phases in one.decoding.sets if phases.design]
+        told += sum(moved_rather(s, [lines[k] for k in s.frames]) for s in turned)
+        if turned and one.decoding.gray is not None:
+            apart += pairs_apart(one.decoding.gray, lines)
+    return told or apart
 
 
 def _with_unknown_rest(found: Refined, moved: float) -> Refined:

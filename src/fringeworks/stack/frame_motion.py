@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.stack.fits import fit_matrices, times
+from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import PhaseFrames
 from fringeworks.stack.real_frames import OUTLIERS, RealFrames
 from fringeworks.stack.shifts import step_errors
-from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median, quantile
 from fringeworks.types import FloatMap
 
 PAINT_SIGMAS = 4.0
@@ -32,12 +33,22 @@ OF_PROJECTORS_RAD = 0.35
 """Errors of single steps, rad, from which on they are rather those of motion, where no paint tells.
 Projectors show the steps of their pictures; with light of the next picture and a response that is
 not linear, they err by less."""
+FEWEST_PAIRS = 3
+"""Bits with inverses for a statement about their motion."""
+LIT = 0.3
+"""Contrast over that of bright pixels from which on they count, and smallest slope of a border in
+contrasts per pixel: stripes that blur makes grey have less."""
+SURE = 6.0
+"""Distance of a bit from its inverse, in standard errors, that is no chance: borders of one line
+after another err together."""
 STEADY = 0.8
 """Correlation with the number of the frame above which a change over the frames is steady."""
 
 
 def steadily(changes: NDArray[np.float64]) -> bool:
     """Whether something changes steadily from frame to frame."""
+    if not np.ptp(changes) > 0.0:
+        return False
     return bool(abs(np.corrcoef(np.arange(len(changes)), changes)[0, 1]) > STEADY)
 
 
@@ -139,3 +150,53 @@ def _displacements(
     if not variance > 0.0:
         return None
     return basis @ shares, basis @ (normal / variance) @ basis.T
+
+
+def pairs_apart(gray: GrayFrames, lines: dict[int, NDArray[Any]]) -> float:
+    """How far the bits of a Gray code and their inverses lie apart, by the borders of its cells.
+
+    Parameters
+    ----------
+    gray : GrayFrames
+    lines : dict of (r, l) arrays, counts
+        Along lines across the stripes, by the frame of the plan.
+
+    Returns
+    -------
+    float
+        Half of the distances, rms over the pairs, camera px; 0 where they are chance, or unknown.
+
+    Notes
+    -----
+    On a border, bit and inverse are g (u − d_1) and −g (u − d_2) beside half of the light. Half
+    their difference tells the place of the border with the error (d_1 + d_2) / 2. Their mean is
+    off half of the light by g (d_2 − d_1) / 2, which has the same variance if each frame moved by
+    itself. Borders that rise and those that fall count alike, as light of the room raises both.
+    """
+    pairs = [
+        (lines[bit].astype(np.float64), lines[other].astype(np.float64))
+        for bit, other in zip(gray.bits, gray.inverse, strict=False)
+    ]
+    if len(pairs) < FEWEST_PAIRS:
+        return 0.0
+    light = np.median([0.5 * (bit + other) for bit, other in pairs], axis=0)[:, 1:-1]
+    contrast = np.max([0.5 * np.abs(bit - other) for bit, other in pairs], axis=0)[:, 1:-1]
+    lit = contrast > LIT * quantile(contrast[np.isfinite(contrast)], 0.95)
+    squares = []
+    for bit, other in pairs:
+        half, mean = 0.5 * (bit - other), 0.5 * (bit + other)[:, 1:-1]
+        slope = 0.5 * (half[:, 2:] - half[:, :-2])
+        # A border that the camera resolves, and no stripe that blur makes grey.
+        border = lit & (half[:, 2:] * half[:, :-2] < 0.0) & (np.abs(slope) > LIT * contrast)
+        apart, rises = (mean - light)[border] / slope[border], slope[border] > 0.0
+        sides = apart[rises], apart[~rises]
+        if min(side.size for side in sides) < FEWEST:
+            continue
+        middles = [median(side) for side in sides]
+        errors = [
+            median(np.abs(side - middle)) / NORMAL_MEDIAN / side.size**0.5
+            for side, middle in zip(sides, middles, strict=True)
+        ]
+        clear = abs(sum(middles)) > SURE * float(np.hypot(*errors))
+        squares.append((0.5 * sum(middles)) ** 2 if clear else 0.0)
+    return float(np.mean(squares)) ** 0.5 if len(squares) >= FEWEST_PAIRS else 0.0

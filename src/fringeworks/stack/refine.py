@@ -25,6 +25,7 @@ from fringeworks.stack.edges import (
     most_blur,
     most_blur_by_contrast,
 )
+from fringeworks.stack.frame_motion import pairs_apart
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import SEAM_SIGMAS, Decoding, PhaseFrames, lit_pixels
 from fringeworks.stack.line_profile import with_line_floor
@@ -114,6 +115,11 @@ TINY = 1e-12
 """Divides instead of a slope of zero, px per px."""
 
 
+SLOPE_PX = 16
+"""Distance along lines over which the slope of a Gray code's coordinates is taken, camera px: over
+several cells, and less than between most edges."""
+
+
 @dataclass(frozen=True)
 class Refined:
     """The decoding of an axis with the errors of its phases, and what was found."""
@@ -156,7 +162,7 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     """
     lines = [sample.lines[decoding.axis][k] for k in decoding.frames]
     if not decoding.sets:
-        return Refined(decoding, edges=_code_has_edges(decoding, lines, known))
+        return _of_code(decoding, lines, known)
     planes = [sample.points[k] for k in decoding.frames]
     plain = decoding
     decoding, ripples = without_ripples(decoding, lines, planes, known)
@@ -250,11 +256,23 @@ def _compared(
     )
 
 
-def _code_has_edges(decoding: Decoding, lines: list[NDArray[Any]], known: Known) -> bool:
-    """Whether coordinates by a Gray code alone may have errors beside edges: a bit in grey there is
-    not on the border of two cells, but holds the light of two depths."""
+def _of_code(decoding: Decoding, lines: list[NDArray[Any]], known: Known) -> Refined:
+    """What neighbours show of a Gray code alone.
+
+    A bit in grey beside an edge is not on the border of two cells, but holds the light of two
+    depths; and borders lie where the scene was in that frame.
+    """
     maps = decode_sample(decoding, lines, known.noise, known.limits)
-    return bool(beside_steps(maps["coordinate"], **fringes_of(decoding)).any())
+    coordinate, code = maps["coordinate"], decoding.gray
+    assert code is not None
+    edges = bool(beside_steps(coordinate, **fringes_of(decoding)).any())
+    apart_px = pairs_apart(code, dict(zip(decoding.frames, lines, strict=True)))
+    slope = np.abs(coordinate[:, SLOPE_PX:] - coordinate[:, :-SLOPE_PX]) / SLOPE_PX
+    if not apart_px or not np.isfinite(slope).any():
+        return Refined(decoding, edges=edges)
+    pull_px = apart_px * median(slope[np.isfinite(slope)])
+    told = words.moved_pairs(decoding.axis, apart_px, pull_px)
+    return Refined(decoding, (told,), edges=edges, pull_px=pull_px)
 
 
 def _have_edges(

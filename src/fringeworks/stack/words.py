@@ -251,6 +251,18 @@ def _turned_frames(moved: float, off_rad: NDArray[np.float64]) -> tuple[str, tup
     return "steps", causes, advice
 
 
+def moved_pairs(axis: Axis, apart_px: float, pull_px: float) -> Finding:
+    """Bits and inverses that show the scene at different places."""
+    seen = (
+        f"frames of the Gray code along {axis} lie {apart_px:.2g} camera px rms beside each "
+        "other, by the borders of its cells; standard deviations contain it"
+    )
+    causes = ("vibration or motion during the capture",)
+    advice = "keep the scene and the devices at rest, or take the frames faster"
+    figures = {"apart_px": apart_px, "coordinate_px": pull_px}
+    return Finding("motion", seen, causes, advice, axis, figures=figures)
+
+
 def ripple(
     harmonics: dict[int, complex], phases: PhaseFrames, axis: Axis, rms_rad: float
 ) -> Finding:

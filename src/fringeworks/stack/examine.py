@@ -163,11 +163,13 @@ def examine(
         for axis_found in found.values():
             _refuse_unlike(axis_found.decoding, plan, moved)
         found = {axis: _with_unknown_rest(f, moved) for axis, f in found.items()}
+        # Motion and vibration move the fringes as well: they are named first. What the fringes
+        # then lack in agreement looks like noise.
         for axis_found in found.values():
             findings += _of_steps(axis_found.decoding, plan, moved)
-            findings += axis_found.findings
-        # Motion and vibration move the fringes as well: they are named first.
         findings += beside
+        for axis_found in found.values():
+            findings += axis_found.findings
     return Judgement(noise, limits, found, tuple(findings))
 
 

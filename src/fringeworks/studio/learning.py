@@ -93,7 +93,7 @@ SLIDERS: dict[str, Slider] = {
 
 
 def straightens(method: str) -> bool:
-    """Whether a method straightens the response of the projector unless it is told not to."""
+    """Whether a method straightens the response of ideal frames unless it is told not to."""
     return bool(methods()[method].options.get("straighten"))
 
 
@@ -130,7 +130,8 @@ Trial = tuple[Any, FloatMap, str, str]
 def _ideal(link: Link, body: str, method: str, settings: dict[str, Any]) -> Trial:
     """The dissertation's scene: distant, parallel fringes."""
     options = _options(settings)
-    scene = standard_scene(body, size=SIZE_PX, bits=8, seed=NOISE_SEED, **settings)
+    bits = 8 if settings["noise"] else 0  # without noise, the dissertation's frames are not rounded
+    scene = standard_scene(body, size=SIZE_PX, bits=bits, seed=NOISE_SEED, **settings)
     assert scene.truth_mm is not None
     link.progress(f"measuring by {method}")
     surface = reconstruct(scene, method, **options).surface
@@ -139,14 +140,13 @@ def _ideal(link: Link, body: str, method: str, settings: dict[str, Any]) -> Tria
 
 def _pair(link: Link, body: str, method: str, settings: dict[str, Any]) -> Trial:
     """Two frames of the virtual rig, whose displacement is compared."""
-    options = _options(settings)
     rig = standard_rig(scale=RIG_SCALE, baseline_mm=PAIR_BASELINE_MM)
     bodies = _bodies(body, settings)
     views = [look(rig, seen) for seen in (bodies[-1:], bodies)]
     period_px = rig.projector.width_px / settings["fringes"]
     pair = photograph_pair(views[0], views[1], period_px, _optics(settings))
     link.progress(f"measuring by {method}")
-    found = analyse(pair, method, **options)
+    found = analyse(pair, method)
     return (
         as_heights(found),
         found.displacement_px - pair_displacement(views[0], views[1]),

@@ -16,7 +16,7 @@ PAPER_PX = (200, 300, 500, 1000)
 """Sides of the dissertation's scenes; the last one is its own."""
 
 
-STRAIGHTEN = "Straighten the response (γ), as by default"
+STRAIGHTEN = "Straighten γ of frames without noise, as by default"
 """What the box beside methods that straighten the response says."""
 
 
@@ -78,7 +78,8 @@ class _Learn:
 
     def _straightens(self) -> bool:
         """Whether the chosen method straightens the response."""
-        return self._experiment.value in PAIRS and straightens(self._method.value)
+        ideal = self._experiment.value == "two frames, ideal"
+        return ideal and straightens(self._method.value)
 
     def _begin(self) -> None:
         settings: dict[str, Any] = {key: slider.value for key, slider in self._sliders.items()}

@@ -70,3 +70,19 @@ def measured(surface, key):
 def step(low, high):
     tolerance = fw.evaluate.PartTolerance("step", "step_height", ("top", "base"), low, high)
     return fw.Recipe(areas=AREAS, tolerances=(tolerance,), risk=0.01)
+
+
+def plate(seed=0):
+    """A flat cloud of 40 × 40 points with noise of 0.01 mm."""
+    y, x = np.mgrid[:40, :40] * 0.5
+    z = 500.0 + np.random.default_rng(seed).normal(0.0, 0.01, x.shape)
+    sigma = np.full(x.shape, 0.01, np.float32)
+    xyz = np.stack((x - 10.0, y - 10.0, z), -1).astype(np.float32)
+    return fw.PointCloud(xyz, sigma, sigma, np.zeros(x.shape, np.uint8))
+
+
+def share_recipe(head=None):
+    """A recipe that asks for 90 % of the plate."""
+    share = fw.evaluate.PartTolerance("seen", "valid_share", ("face",), 0.9, None)
+    areas = {"face": fw.evaluate.Area(box=(2, 2, 37, 37))}
+    return fw.Recipe(areas=areas, tolerances=(share,), head=head or {})

@@ -262,6 +262,11 @@ def test_archives_without_zarr_and_control_charts(line, tmp_path):
         assert f"<dt>serial number</dt><dd>{name}</dd>" in page
         assert "<dt>order</dt><dd>118</dd>" in page
         assert ">PASS: the tolerance is kept.</p>" in page
+        # The report says as much as that of the part alone: budget, hashes and origin.
+        assert "Uncertainty budget: step" in page
+        assert f"<dt>rig</dt><dd>sha256 {fingerprint(scene()[0])}</dd>" in page
+        assert "unknown: the result carries no provenance" not in page
+        assert "00-x-phase" in page
         assert number(float(rows[name]["step"]), float(rows[name]["step σ"]), "mm") in page
     values = np.array([10.0, 10.1, 9.9, np.nan, 10.0, 10.2])
     mean, low, high = control_limits(values)

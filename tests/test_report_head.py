@@ -4,30 +4,15 @@ from __future__ import annotations
 
 import re
 
-import numpy as np
 import pytest
 
 import fringeworks as fw
 from fringeworks.cli.commands import run
-from fringeworks.evaluate import Area, PartTolerance
 from fringeworks.evaluate.inspect import recipe_hash
+from tests.inspected import plate
+from tests.inspected import share_recipe as recipe
 
 HEAD = {"customer": "Müller & Söhne", "part_number": "4711", "revision": "C"}
-
-
-def plate(seed=0):
-    """A flat cloud of 40 × 40 points with noise of 0.01 mm."""
-    y, x = np.mgrid[:40, :40] * 0.5
-    z = 500.0 + np.random.default_rng(seed).normal(0.0, 0.01, x.shape)
-    sigma = np.full(x.shape, 0.01, np.float32)
-    xyz = np.stack((x - 10.0, y - 10.0, z), -1).astype(np.float32)
-    return fw.PointCloud(xyz, sigma, sigma, np.zeros(x.shape, np.uint8))
-
-
-def recipe(head=None):
-    share = PartTolerance("seen", "valid_share", ("face",), 0.9, None)
-    areas = {"face": Area(box=(2, 2, 37, 37))}
-    return fw.Recipe(areas=areas, tolerances=(share,), head=head or {})
 
 
 def fields_of(page):
@@ -50,6 +35,31 @@ def test_a_report_with_a_verdict_has_a_head_to_sign(tmp_path):
         *(("inspected by", ""), ("date", ""), ("signature", "")),
         *(("approved by", ""), ("date", ""), ("signature", "")),
     ]
+
+
+@pytest.mark.parametrize(
+    ("fields", "title", "said"),
+    [
+        ({}, "", "capture-3"),
+        ({"part": "Bracket"}, "", "Bracket: capture-3"),
+        ({"part": "Bracket", "part_number": "7", "serial": "18"}, "", "Bracket, no. 18"),
+        ({"part_number": "4711"}, "", "4711: capture-3"),
+        ({"part": "Bracket", "serial": "18"}, "Mine", "Mine"),
+    ],
+)
+def test_a_report_is_titled_by_its_part(tmp_path, fields, title, said):
+    found = fw.inspect(plate(), recipe(fields))
+    fw.write_report(tmp_path / "r.html", {"capture-3": found}, title=title)
+    page = (tmp_path / "r.html").read_text("utf-8")
+    assert f"<h1>{said}</h1>" in page
+    fw.write_report(tmp_path / "r.html", {"one": found, "two": found}, title=title)
+    assert "<h1>one</h1>" in (tmp_path / "r.html").read_text("utf-8") or title
+
+
+def test_a_head_above_its_table_is_refused_with_a_hint(tmp_path):
+    (tmp_path / "recipe.toml").write_text('kind = "recipe"\npart = "Bracket"\n', "utf-8")
+    with pytest.raises(fw.FileProblem, match=r"unknown key part: .* below \[head\]"):
+        fw.files.read_recipe(tmp_path / "recipe.toml")
 
 
 def test_what_is_given_comes_before_the_recipe_and_the_inspector_signs(tmp_path):

@@ -9,6 +9,7 @@ import fringeworks as fw
 from fringeworks.devices.clock import SimulatedClock
 from fringeworks.scan.bench import Bench, Take, take, take_in_memory
 from fringeworks.service.models import JobInfo, ScanRequest
+from fringeworks.service.scanner import check_recipe
 from fringeworks.service.store import Store
 from fringeworks.types import FileProblem
 
@@ -79,3 +80,12 @@ def test_frames_in_memory_are_those_of_a_capture(tmp_path):
         assert [one.text for one in disk.findings] == [one.text for one in memory.findings]
     with pytest.raises(fw.InputError, match="need a folder"):
         take_in_memory(bench, Take(hdr=2))
+
+
+def test_a_recipe_whose_rig_is_elsewhere_is_refused_before_the_scan(tmp_path):
+    path = tmp_path / "part.toml"
+    path.write_text('kind = "recipe"\nrig = "rig.toml"\n', "utf-8")
+    with pytest.raises(fw.FileProblem, match=r"part.toml: .* rig.toml, .* delete the line"):
+        check_recipe(path)
+    path.write_text('kind = "recipe"\n', "utf-8")
+    check_recipe(path)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks import _core
+from fringeworks.batch.judgement import as_values
 from fringeworks.batch.scans import Scan, content_hash, local, stack_of_array, taken
 from fringeworks.batch.store import Row, Store
 from fringeworks.evaluate.inspect import Inspection, inspect, recipe_hash
@@ -101,9 +102,8 @@ def _measured(scan: Scan, job: Job, store: Store) -> Row:
             if scan.index is not None:
                 source = stack_of_array(lent, job.recipe)
             found = inspect(source, job.recipe)
-            found = replace(found, surface=replace(found.surface, provenance=None))
             row = {"address": address, **figures(found)}
-            store.write(address, found.surface, row)
+            store.write(address, replace(found.surface, provenance=None), row, as_values(found))
         finally:
             mark.unlink(missing_ok=True)
     return row

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, cast
 from urllib.parse import quote
 
 import numpy as np
 
+from fringeworks.batch.judgement import judgement_from
 from fringeworks.batch.run import BatchResult
 from fringeworks.batch.store import Store
+from fringeworks.evaluate.budget import Budget
 from fringeworks.evaluate.inspect import Check, Inspection, Verdict
 from fringeworks.report.page.report import write_report
 from fringeworks.types import FileProblem, PartTolerance, Rig
@@ -94,13 +97,14 @@ def _place(path: Path, name: str) -> Path:
 
 def inspection_of(result: BatchResult, store: Store, row: Mapping[str, Any]) -> Inspection:
     """The inspection of a part as its row has it."""
-    surface = store.surface(row["address"])
-    checks = tuple(_check(one, row) for one in result.tolerances)
+    kept = judgement_from(store.judgement(row["address"]), str(row["scan"]))
+    surface = replace(store.surface(row["address"]), provenance=kept.provenance)
+    checks = tuple(_check(one, row, kept.budgets.get(one.name)) for one in result.tolerances)
     seconds = float(row.get("seconds") or 0.0)
-    return Inspection(checks, surface, surface.findings, seconds, result.recipe)
+    return Inspection(checks, surface, kept.findings, seconds, result.recipe)
 
 
-def _check(one: PartTolerance, row: Mapping[str, Any]) -> Check:
+def _check(one: PartTolerance, row: Mapping[str, Any], budget: Budget | None) -> Check:
     value, sigma = (row.get(name) for name in (one.name, f"{one.name} σ"))
     return Check(
         one,
@@ -109,4 +113,5 @@ def _check(one: PartTolerance, row: Mapping[str, Any]) -> Check:
         UNITS[one.quantity],
         cast("Verdict", row.get(f"{one.name} verdict", "undecided")),
         str(row.get(f"{one.name} why", "")),
+        budget,
     )

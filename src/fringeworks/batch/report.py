@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from fringeworks.report.page.report import check_report_target, write_page
 from fringeworks.report.verdicts import COVERAGE, Verdict, allowed, overall
 from fringeworks.types import FloatMap, PartTolerance, Rig, day, fingerprint, made_by
 from fringeworks.types.numbers import SHARE, UNKNOWN, limit, number, percent
+from fringeworks.types.recipe import SIGNED
 from fringeworks.types.report_head import PART_HEAD
 
 MOST_LISTED = 2000
@@ -69,7 +70,7 @@ def write_batch_report(
         ``.html`` or ``.pdf``.
     result : BatchResult
     title : str
-        By default the name of the folder of captures, and how many there are.
+        By default the part's name, else that of the folder of captures, and how many there are.
     parts : "all", "failed" or "none"
         Parts that get a report of their own, of the same format, in the folder ``NAME-parts``
         beside it; ``failed`` are those that did not pass. A page links to them.
@@ -109,7 +110,9 @@ def write_batch_report(
             ),
         ),
     ]
-    return write_page(path, title or _title(result), chapters, origin, verdict=verdict, head=top)
+    return write_page(
+        path, title or _title(result, fields), chapters, origin, verdict=verdict, head=top
+    )
 
 
 def _moment(row: Mapping[str, Any]) -> tuple[str, str]:
@@ -117,10 +120,11 @@ def _moment(row: Mapping[str, Any]) -> tuple[str, str]:
     return str(row.get("taken", "")), str(row["scan"])
 
 
-def _title(result: BatchResult) -> str:
-    name = Path(result.source).name or result.folder.stem
+def _title(result: BatchResult, head: Mapping[str, str]) -> str:
+    folder = Path(result.source).name or result.folder.stem
+    name = head.get("part") or head.get("part_number") or f"Inspection of {folder}"
     count = len(result.rows)
-    return f"Inspection of {name}: {count} part{'' if count == 1 else 's'}"
+    return f"{name}: {count} part{'' if count == 1 else 's'}"
 
 
 def _verdict(result: BatchResult) -> Verdict | None:
@@ -213,9 +217,10 @@ def _parts(result: BatchResult, links: Mapping[str, str]) -> tuple[Block, ...]:
     """The table of parts, which a page can search."""
     listed = result.rows[:MOST_LISTED]
     valued = result.tolerances[:MOST_VALUES]
-    columns = ("part", "frames written / UTC", "verdict", *(_heading(one) for one in valued), "why")
+    columns = ("part", "frames written / UTC", "verdict", *map(value_heading, valued), "why")
     verdicts = _verdicts(result)
-    rows = [_row(result, row, valued) for row in listed]
+    values = shown_values(result, valued, len(listed))
+    rows = [_row(result, row, shown) for row, shown in zip(listed, values, strict=True)]
     shown = len(columns) if any(row[-1] for row in rows) else len(columns) - 1
     table = Table(
         columns[:shown],
@@ -230,20 +235,32 @@ def _parts(result: BatchResult, links: Mapping[str, str]) -> tuple[Block, ...]:
     return (table, *([Text(f"… and {more} more: see {result.summary.name}.")] if more else []))
 
 
-def _heading(one: PartTolerance) -> str:
+def value_heading(one: PartTolerance) -> str:
+    """The heading of the values of a tolerance."""
     unit = one.unit()
     return one.name if unit == SHARE else f"{one.name} / {unit}"
 
 
-def _row(
-    result: BatchResult, row: Mapping[str, Any], valued: tuple[PartTolerance, ...]
-) -> tuple[str, ...]:
+def shown_values(
+    result: BatchResult, tolerances: tuple[PartTolerance, ...], count: int
+) -> list[tuple[str, ...]]:
+    """Return the values of the first parts as they are read, below ``value_heading``.
+
+    All values of a tolerance have as many decimals as their median standard deviation supports.
+    """
+    columns = []
+    for one in tolerances:
+        sigma = _column(result, f"{one.name} σ")
+        known = sigma[np.isfinite(sigma) & (sigma > 0)]
+        usual = float(np.median(known)) if known.size else None
+        unit = SHARE if one.unit() == SHARE else ""
+        columns.append([number(v, usual, unit) for v in _column(result, one.name)[:count]])
+    return [tuple(column[k] for column in columns) for k in range(count)]
+
+
+def _row(result: BatchResult, row: Mapping[str, Any], values: Sequence[str]) -> tuple[str, ...]:
     """A part: its values, and why it does not pass."""
     whys = [_why(one, row) for one in result.tolerances if row.get(f"{one.name} why")]
-    values = [
-        number(row.get(one.name), row.get(f"{one.name} σ"), SHARE if one.unit() == SHARE else "")
-        for one in valued
-    ]
     return (
         str(row["scan"]),
         day(row["taken"]).removesuffix(" UTC") if row.get("taken") else UNKNOWN,
@@ -280,6 +297,7 @@ def _chart(result: BatchResult, one: PartTolerance) -> Picture:
         unit=unit,
         names=[str(row["scan"]) for row in result.rows],
         order=_order(result),
+        least=-np.inf if one.quantity in SIGNED else 0.0,
     )
     return Picture(figure, f"{one.name}; allowed {allowed(one)}.")
 
@@ -306,10 +324,10 @@ def _signals(result: BatchResult) -> tuple[Block, ...]:
 
 
 def _coverage(result: BatchResult) -> Picture:
-    """How much of each part was measured."""
+    """How much of each frame was measured."""
     shares = 100.0 * _column(result, "valid_share")
     figure = control_chart(
-        "measured pixels",
+        "measured pixels of the frame",
         shares,
         np.zeros_like(shares),
         _verdicts(result),
@@ -317,8 +335,9 @@ def _coverage(result: BatchResult) -> Picture:
         unit="%",
         names=[str(row["scan"]) for row in result.rows],
         order=_order(result),
+        least=0.0,
     )
-    return Picture(figure, "How much of each part was measured.")
+    return Picture(figure, "Share of the camera's pixels that have a value, background included.")
 
 
 def _column(result: BatchResult, name: str) -> FloatMap:

@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from io import StringIO
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ BEGUN = ".begun"
 """Folder of marks of scans that were begun in this run."""
 ROW = "row.json"
 """Figures of a scan beside its archive; a Zarr group holds them as its attributes."""
+JUDGEMENT = "judgement"
+"""What the report of a part needs beside the figures: an attribute of a Zarr group, or a file."""
 ABOUT = "batch.json"
 """What all scans have in common, beside archives; the attributes of a Zarr group else."""
 ARCHIVE = "result.npz"
@@ -86,7 +89,17 @@ class Store:
         """Return the figures of a complete result."""
         place = self.folder / SCANS / address
         described = json.loads((place / (ZARR_FILE if self.zarr else ROW)).read_text("utf-8"))
-        return dict(described["attributes"] if self.zarr else described)
+        figures = dict(described["attributes"] if self.zarr else described)
+        return {name: value for name, value in figures.items() if name != JUDGEMENT}
+
+    def judgement(self, address: str) -> dict[str, Any]:
+        """Return what the report of a part needs; nothing for results of old versions."""
+        place = self.folder / SCANS / address
+        path = place / (ZARR_FILE if self.zarr else f"{JUDGEMENT}.json")
+        if not is_file(path):
+            return {}
+        described = json.loads(path.read_text("utf-8"))
+        return dict(described["attributes"].get(JUDGEMENT, {}) if self.zarr else described)
 
     def surface(self, address: str) -> HeightMap | PointCloud:
         """Return the surface of a complete result.
@@ -116,7 +129,13 @@ class Store:
         mark.write_text(str(os.getpid()))
         return mark
 
-    def write(self, address: str, surface: HeightMap | PointCloud, row: Row) -> None:
+    def write(
+        self,
+        address: str,
+        surface: HeightMap | PointCloud,
+        row: Row,
+        judgement: Mapping[str, Any] = MappingProxyType({}),
+    ) -> None:
         """Write the result of a scan, whole or not at all.
 
         Where it is there already, written by another worker, that one stays: it is the same.
@@ -125,10 +144,11 @@ class Store:
         try:
             place.mkdir()
             if self.zarr:
-                _write_group(place, surface, row)
+                _write_group(place, surface, {**row, JUDGEMENT: dict(judgement)})
             else:
                 write(place / ARCHIVE, surface)
                 write_text(place / ROW, json.dumps(row, indent=1) + "\n")
+                write_text(place / f"{JUDGEMENT}.json", json.dumps(dict(judgement)) + "\n")
             os.rename(place, self.folder / SCANS / address)
         except OSError as error:
             shutil.rmtree(place, ignore_errors=True)

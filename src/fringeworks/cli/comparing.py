@@ -249,12 +249,18 @@ def _error_bars(rows: Sequence[dict[str, Any]]) -> Any:
     """The mean absolute error of every method as bars, scenes side by side."""
     from fringeworks.cli.compared import common_words
     from fringeworks.report.figures import bars
+    from fringeworks.types.numbers import limit
 
     methods = list(dict.fromkeys(row["method"] for row in rows))
     names = [n for n in SCENE if len({row[n] for row in rows}) > 1]
     series: dict[str, list[float]] = {}
     for row in rows:
-        label = ", ".join(f"{name} {row[name]}" for name in names) or "mean |error|"
+        label = (
+            ", ".join(
+                f"{name} {limit(v) if isinstance(v := row[name], float) else v}" for name in names
+            )
+            or "mean |error|"
+        )
         series.setdefault(label, []).append(row["mean_abs_error_mm"])
     return bars(f"Mean absolute error: {common_words(rows)}", methods, series)
 

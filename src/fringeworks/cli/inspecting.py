@@ -34,7 +34,10 @@ def inspect_part(
         int,
         typer.Option(help="Draws of a Monte Carlo beside each uncertainty budget; 0 for none."),
     ] = 0,
-    title: Annotated[str, typer.Option(help="Title; by default the capture's name.")] = "",
+    title: Annotated[
+        str,
+        typer.Option(help="Title; by default part and serial number of the head, or the capture."),
+    ] = "",
     *,
     show: ShowOptions,
 ) -> None:
@@ -56,6 +59,7 @@ def inspect_part(
         found,
         figures,
         name=title or capture.name,
+        title=title,
         provenance=found.surface.provenance,
         rig=None if known.rig is None else rig_of(known),
     )

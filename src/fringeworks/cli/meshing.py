@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SECTION = "Results"
+PRINTED = (".stl", ".3mf")
+"""Formats that are mostly printed, and then have to be closed."""
 
 
 @app.command(
@@ -89,6 +91,8 @@ def mesh(
     filled = f", {marked} of them {where}" if marked else ""
     words.say(f"{len(found.faces)} triangles of {len(found.vertices_mm)} vertices{filled}")
     words.wrote(out)
+    if plate is None and out.suffix.lower() in PRINTED:
+        words.say("the mesh is open, in camera coordinates; to print it, close it with --plate 2")
 
 
 def _connected(seen: fw.PointCloud, plate: float | None, fill: int) -> fw.TriangleMesh:

@@ -61,17 +61,19 @@ class ShowOptions:
         figures: dict[str, Any],
         *,
         name: str | None = None,
+        title: str = "",
         provenance: fw.Provenance | None = None,
         rig: fw.Rig | None = None,
     ) -> None:
-        """Write what is asked for."""
+        """Write what is asked for; a title replaces the one that the head gives a report."""
         if self.figure is not None:
             drawn = result.plot(name, panel=self.panel or "", title=not self.no_title)
             output.draw(drawn, self.figure, provenance)
         if self.report is not None:
             shown = {name: result} if name else result
             with output.target(self.report, ".html") as place:
-                fw.write_report(place, shown, rig=rig, head=output.head_fields(self.head))
+                head = output.head_fields(self.head)
+                fw.write_report(place, shown, title=title, rig=rig, head=head)
         output.write_json(self.json_file, figures)
 
     def write_points(

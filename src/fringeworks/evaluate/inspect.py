@@ -269,7 +269,7 @@ def _why_undecided(found: Quantified, tolerance: PartTolerance, risk: float) -> 
         seen = number(found.seen, found.sigma, unit)
         return (
             f"{seen} is seen, noise of the points included, and it may explain all that is above "
-            f"{limit(tolerance.high, unit)}: reduce the noise, or widen the limits"
+            f"{limit(tolerance.high, unit)}: reduce the noise"
         )
     noise = (
         f", and {number(found.seen, found.sigma, unit)} with the noise of points"
@@ -278,8 +278,8 @@ def _why_undecided(found: Quantified, tolerance: PartTolerance, risk: float) -> 
     )
     return (
         f"{number(found.value, found.sigma, unit)} lies within "
-        f"{number(guard, found.sigma, unit)} of a limit{noise}: reduce the uncertainty, "
-        "or widen the limits"
+        f"{number(guard, found.sigma, unit)} of a limit{noise}: reduce the uncertainty "
+        "by the largest source of its budget"
     )
 
 

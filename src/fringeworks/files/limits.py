@@ -118,7 +118,8 @@ def existing_file(path: StrPath, expected: str) -> Path:
     """
     path = Path(path)
     if not is_file(path):
-        raise FileProblem(f"{told(path)}: expected {expected}, got no such file")
+        seen = "a folder" if is_folder(path) else "no such file"
+        raise FileProblem(f"{told(path)}: expected {expected}, got {seen}")
     return path
 
 

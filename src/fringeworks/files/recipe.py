@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import fields
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import tomli_w
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
 from fringeworks.files.beside import drop_earlier, name_beside
-from fringeworks.files.description import Field, Section, Tag, Tagged
+from fringeworks.files.description import DescriptionFault, Field, Section, Tag, Tagged
 from fringeworks.files.images import read_frame, write_frame
 from fringeworks.files.limits import MAX_LENGTH_PX, MESSAGE_LETTERS, is_file, told
 from fringeworks.files.plan import holds_plan, read_plan, write_plan
@@ -40,6 +40,7 @@ from fringeworks.types import (
     fingerprint,
 )
 from fringeworks.types.recipe import USUAL_RISK, Association, FeatureBody, Quantity
+from fringeworks.types.report_head import HEAD_FIELDS
 
 MOST_CORNERS = 10_000
 """Largest number of corners of a polygon."""
@@ -195,6 +196,15 @@ class RecipeFile(Section):
     uncertainty: _Uncertainty = Field(default_factory=_Uncertainty)
     head: dict[str, str] = Field(default_factory=dict)
     """Fields of the head of reports."""
+
+    @classmethod
+    def checked(cls, content: object) -> Self:
+        """The recipe, with a hint where fields of the head do not stand below it."""
+        names = content if isinstance(content, Mapping) else {}
+        for name in HEAD_FIELDS:
+            if name in names:
+                raise DescriptionFault(f"unknown key {name}: fields of the head stand below [head]")
+        return super().checked(content)
 
 
 def read_recipe(path: StrPath) -> Recipe:

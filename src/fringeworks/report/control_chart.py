@@ -40,6 +40,7 @@ def control_chart(
     unit: str = "",
     names: Sequence[str] = (),
     order: str = "part",
+    least: float = -np.inf,
     meanings: Mapping[str, str] | None = None,
 ) -> Figure:
     """Draw the values of a quantity in the order of the parts.
@@ -59,6 +60,8 @@ def control_chart(
         Serial numbers of the parts; numbers from 1 without them.
     order : str
         What the parts are ordered by.
+    least : float
+        The smallest value that the quantity can have; no control limit is below it.
     meanings : mapping, optional
         What the verdicts mean where values are not of parts.
     """
@@ -77,9 +80,9 @@ def control_chart(
         if limit is not None:
             label = f"{name} allowed {limit_text(limit)} {unit}".rstrip()
             axes.axhline(limit, color="black", linewidth=1.4, label=label)
-    _process(axes, values, unit)
+    process = _process(axes, values, unit, least)
     _signals(axes, values)
-    _span(axes, values, limits)
+    _span(axes, values, [*process, *(v for v in limits if v is not None)])
     axes.set_title(title, fontsize=11)
     axes.set_ylabel(unit)
     axes.ticklabel_format(axis="y", useOffset=False)
@@ -91,18 +94,21 @@ def control_chart(
     return figure
 
 
-def _process(axes: Axes, values: FloatMap, unit: str) -> None:
-    """Mean and control limits."""
+def _process(axes: Axes, values: FloatMap, unit: str, least: float) -> tuple[float, ...]:
+    """Draw the mean and the control limits that a value can reach; return these limits."""
     mean, low, high = control_limits(values)
     if not np.isfinite(mean):
-        return
+        return ()
     sigma = (high - low) / (2 * CONTROL_SIGMAS)
     shown = [number_text(v, sigma) for v in (mean, low, high)]
     axes.axhline(mean, color=PROCESS, linewidth=1, label=f"mean {shown[0]} {unit}".rstrip())
-    for limit in (low, high):
+    reached = (low, high) if low > least else (high,)
+    for limit in reached:
         axes.axhline(limit, color=PROCESS, linewidth=1, linestyle="--")
-    label = f"control limits\n{shown[1]} … {shown[2]} {unit}".rstrip()
-    axes.plot([], [], "--", color=PROCESS, label=label)
+    allowed = f"control limits\n{shown[1]} … {shown[2]}"
+    label = allowed if low > least else f"control limit\n{shown[2]}"
+    axes.plot([], [], "--", color=PROCESS, label=f"{label} {unit}".rstrip())
+    return reached
 
 
 def _signals(axes: Axes, values: FloatMap) -> None:
@@ -124,10 +130,9 @@ def _signals(axes: Axes, values: FloatMap) -> None:
         axes.plot([], [], " ", label="digits: Nelson's rules")
 
 
-def _span(axes: Axes, values: FloatMap, limits: tuple[float | None, float | None]) -> None:
+def _span(axes: Axes, values: FloatMap, limits: Sequence[float]) -> None:
     """Show all values and limits; bars may run out of the picture."""
-    known = [*values[np.isfinite(values)], *(v for v in limits if v is not None)]
-    known += [v for v in control_limits(values) if np.isfinite(v)]
+    known = [*values[np.isfinite(values)], *limits]
     if known and max(known) > min(known):
         room = ROOM * (max(known) - min(known))
         axes.set_ylim(min(known) - room, max(known) + room)

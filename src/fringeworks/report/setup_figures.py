@@ -74,12 +74,9 @@ def setup_sheet(tests: SetupTests) -> Figure:
             continue
         title = draw(axes, tests)
         fault = bool(found & set(kinds))
-        axes.set_title(
-            "\n".join(textwrap.wrap(title, TITLE_LETTERS)),
-            fontsize=10,
-            color=FAULT if fault else "black",
-            fontweight="bold" if fault else "normal",
-        )
+        words_of = "\n".join(textwrap.wrap(title, TITLE_LETTERS))
+        bold = {"color": FAULT, "fontweight": "bold"} if fault else {}
+        axes.set_title(words_of, fontsize=10, **bold)  # without a colour, that of the page's text
     text.text(0.01, 0.96, "\n".join(words), ha="left", va="top", fontsize=10)
     return figure
 

@@ -212,6 +212,8 @@ class Desk:
             known = ", ".join(self.store.recipes())
             expected = f"one of {known}" if known else "one in recipes/, which holds none"
             raise InputError(f"recipe: expected {expected}, got {request.recipe}")
+        if request.recipe is not None:
+            tasks.check_recipe(self.store.recipe(request.recipe))
         if isinstance(request, MeasureRequest) and not self.store.capture(request.scan).is_dir():
             raise InputError(
                 f"scan: the frames of {request.scan} are not there; scan with keep_frames"

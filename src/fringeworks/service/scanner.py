@@ -8,6 +8,7 @@ import time
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from fringeworks.devices.registry import load_plugin
 from fringeworks.evaluate.inspect import Inspection, inspect, rig_of
 from fringeworks.files.findings import findings_as_dicts
+from fringeworks.files.limits import is_file
 from fringeworks.files.recipe import read_recipe
 from fringeworks.files.rig import read_rig
 from fringeworks.pipeline.inputs import capture_of
@@ -28,6 +30,7 @@ from fringeworks.serving.worker import Link
 from fringeworks.stack.frames import Stack
 from fringeworks.types import (
     DeviceProblem,
+    FileProblem,
     Finding,
     InputError,
     Pair,
@@ -200,6 +203,21 @@ def _check(check: Any) -> dict[str, Any]:
 def _number(value: float) -> float | None:
     """A number for JSON, which has no NaN."""
     return float(value) if np.isfinite(value) else None
+
+
+def check_recipe(path: Path) -> None:
+    """Refuse a recipe that cannot judge a scan, before the scan.
+
+    Raises
+    ------
+    FileProblem that names what to change.
+    """
+    rig = read_recipe(path).rig
+    if isinstance(rig, PathLike | str) and not is_file(Path(rig)):
+        raise FileProblem(
+            f"{path.name}: expected no rig, or that of the service beside the recipe, got "
+            f"{Path(rig).name}, which is not there; delete the line: the service has its own"
+        )
 
 
 def _inspected(frames: Stack | tuple[Stack, ...] | Pair, places: Places, rig: Rig) -> Inspection:

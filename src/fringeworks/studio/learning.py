@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from fringeworks.evaluate.truth_errors import error_map
-from fringeworks.pair.analyse import analyse
+from fringeworks.pair.analyse import analyse, methods
 from fringeworks.pipeline.pairs import reconstruct
 from fringeworks.pipeline.stacks import measure
 from fringeworks.report.kinds.pair import as_heights
@@ -92,6 +92,11 @@ SLIDERS: dict[str, Slider] = {
 """Settings of the experiments, by key."""
 
 
+def straightens(method: str) -> bool:
+    """Whether a method straightens the response of ideal frames unless it is told not to."""
+    return bool(methods()[method].options.get("straighten"))
+
+
 def learn(
     link: Link,
     experiment: Experiment,
@@ -124,10 +129,12 @@ Trial = tuple[Any, FloatMap, str, str]
 
 def _ideal(link: Link, body: str, method: str, settings: dict[str, Any]) -> Trial:
     """The dissertation's scene: distant, parallel fringes."""
-    scene = standard_scene(body, size=SIZE_PX, bits=8, seed=NOISE_SEED, **settings)
+    options = _options(settings)
+    bits = 8 if settings["noise"] else 0  # without noise, the dissertation's frames are not rounded
+    scene = standard_scene(body, size=SIZE_PX, bits=bits, seed=NOISE_SEED, **settings)
     assert scene.truth_mm is not None
     link.progress(f"measuring by {method}")
-    surface = reconstruct(scene, method).surface
+    surface = reconstruct(scene, method, **options).surface
     return surface, error_map(surface, scene.truth_mm), "mm", method
 
 
@@ -158,6 +165,11 @@ def _stack(link: Link, body: str, _: str, settings: dict[str, Any]) -> Trial:
     points = measure(Stack(frames, plan), rig).points
     error = truth_distance(view.points_mm, points.xyz_mm)
     return points, error, "mm", f"{len(frames)} frames"
+
+
+def _options(settings: dict[str, Any]) -> dict[str, Any]:
+    """The options of the method, which are taken out of the settings."""
+    return {"straighten": settings.pop("straighten")} if "straighten" in settings else {}
 
 
 def _optics(settings: Mapping[str, Any]) -> Optics:

@@ -11,7 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from fringeworks.batch.part_reports import report_links
-from fringeworks.batch.report import batch_charts, write_batch_report
+from fringeworks.batch.report import (
+    batch_charts,
+    shown_values,
+    value_heading,
+    write_batch_report,
+)
 from fringeworks.batch.run import BatchResult, run_batch
 from fringeworks.evaluate.acceptance.certify import certify
 from fringeworks.evaluate.acceptance.positions import artefact_faults, plan_positions
@@ -26,9 +31,7 @@ from fringeworks.serving.worker import Link
 from fringeworks.studio.actions import Command, quoted
 from fringeworks.studio.told import draw_charts, told
 from fringeworks.studio.workspace import CHECKS, WATCH_LOG, Workspace
-from fringeworks.types import InputError, PartTolerance, Rig
-from fringeworks.types.numbers import number
-from fringeworks.types.recipe import UNITS
+from fringeworks.types import InputError, Rig
 
 MOST_ROWS = 2000
 """Parts whose rows the page shows; the summary and the report have all."""
@@ -67,7 +70,7 @@ class RunBatch:
             "report": report.name,
             "counts": {kind: found.count(kind) for kind in ("pass", "fail", "undecided")}
             | {"not measured": found.failed},
-            "columns": [_heading(one) for one in found.tolerances],
+            "columns": [value_heading(one) for one in found.tolerances],
             "rows": _rows(found, report),
             "more": max(0, len(found.rows) - MOST_ROWS),
             "passed over": list(found.passed_over),
@@ -88,25 +91,19 @@ class RunBatch:
         )
 
 
-def _heading(one: PartTolerance) -> str:
-    unit = UNITS[one.quantity]
-    return f"{one.name} / {unit}" if unit else one.name
-
-
 def _rows(found: BatchResult, report: Path) -> list[dict[str, Any]]:
     """What the page shows of each part."""
-    links = report_links(report, found)
+    links, rows = report_links(report, found), found.rows[:MOST_ROWS]
+    values = shown_values(found, found.tolerances, len(rows))
     return [
         {
             "part": str(row["scan"]),
             "verdict": str(row.get("verdict") or "not measured"),
-            "values": [
-                number(row.get(one.name), row.get(f"{one.name} σ")) for one in found.tolerances
-            ],
+            "values": list(shown),
             "why": str(row.get("error") or "; ".join(_whys(found, row))),
             "report": links.get(str(row["scan"]), ""),
         }
-        for row in found.rows[:MOST_ROWS]
+        for row, shown in zip(rows, values, strict=True)
     ]
 
 

@@ -115,6 +115,8 @@ UNITS: Mapping[str, str] = MappingProxyType(
 """Units of the quantities."""
 SHARES = frozenset({"valid_share"})
 """Quantities that are shares: 0…1 in files, percent where they are shown."""
+SIGNED = frozenset({"step_height", "deviation_mean"})
+"""Quantities that can be below zero; all others are sizes, ranges and shares."""
 FROM_MODEL = frozenset(
     {
         "deviation_mean",

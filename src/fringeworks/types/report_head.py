@@ -30,6 +30,22 @@ MOST_LETTERS = 120
 """Letters of a field: two lines on paper."""
 
 
+def headline(head: Mapping[str, str], name: str) -> str:
+    """Return the title of a report on a part, for a capture of this name.
+
+    Examples
+    --------
+    >>> headline({"part": "Bracket", "serial": "18"}, "capture-3")
+    'Bracket, no. 18'
+    >>> headline({"part": "Bracket"}, "capture-3"), headline({}, "capture-3")
+    ('Bracket: capture-3', 'capture-3')
+    """
+    part = head.get("part") or head.get("part_number")
+    if not part:
+        return name
+    return f"{part}, no. {head['serial']}" if head.get("serial") else f"{part}: {name}"
+
+
 def checked_head(head: Mapping[str, str]) -> dict[str, str]:
     """Return the fields of a head.
 

@@ -108,7 +108,10 @@ def _row(one: BudgetLine, unit: str) -> tuple[str, ...]:
 
 def _share_text(share: float) -> str:
     """A share of the variance; nobody reads the digits of a negligible one."""
-    return percent(share) if not share < LEAST_SHARE else f"< {percent(LEAST_SHARE)}"
+    if share < LEAST_SHARE:
+        return f"< {percent(LEAST_SHARE)}"
+    most = 1.0 - LEAST_SHARE
+    return f"> {percent(most)}" if most < share < 1.0 else percent(share)
 
 
 def monte_carlo_text(found: MonteCarlo, unit: str) -> str:

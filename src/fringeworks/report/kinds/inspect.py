@@ -111,7 +111,7 @@ def chapter(result: Inspection, context: Context) -> Chapter:
     surface, recipe = result.surface, result.recipe
     values = figures(result)
     rows = [
-        ("measured pixels", percent(1.0 - surface.failed_fraction)),
+        ("measured pixels", f"{percent(1.0 - surface.failed_fraction)} of the frame"),
         ("median σ of a pixel", _usual_sigma(result)),
         ("risk of a wrong decision", percent(recipe.risk)),
         ("measured", _day_of(surface.provenance)),
@@ -164,7 +164,8 @@ def _tolerances(result: Inspection) -> tuple[Block, ...]:
         "Tolerances",
         [check.verdict for check in result.checks],
     )
-    return (table, *_datums(result.recipe), Text(_decision(result.recipe.risk)))
+    known = any(check.budget is not None for check in result.checks)
+    return (table, *_datums(result.recipe), Text(_decision(result.recipe.risk, known)))
 
 
 def _report_row(check: Check) -> tuple[str, ...]:
@@ -219,10 +220,10 @@ def _datums(recipe: Recipe) -> tuple[Block, ...]:
     return (Table(("datum", "areas", "body", "association"), tuple(rows), "Datums (ISO 5459)"),)
 
 
-def _decision(risk: float) -> str:
+def _decision(risk: float, budgets: bool) -> str:
+    where = "its parts and its factor k stand in the uncertainty budgets" if budgets else "k = 2"
     return (
-        "U is the expanded uncertainty of the value for 95 %; its parts and its factor k stand in "
-        "the uncertainty budgets. A value passes or "
+        f"U is the expanded uncertainty of the value for 95 %; {where}. A value passes or "
         f"fails where the probability of a wrong decision is at most {percent(risk)} (guard band, "
         "ISO 14253-1); between, it is undecided."
     )

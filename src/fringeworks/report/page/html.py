@@ -14,7 +14,7 @@ from typing import Any
 
 from jinja2 import Environment, StrictUndefined
 
-from fringeworks.report.drawing import rc_context
+from fringeworks.report.drawing import AxesImage, rc_context
 from fringeworks.report.page.blocks import Block, Chapter, Head, Picture, Surface, Table
 from fringeworks.report.page.set_table import SHORT_CELL
 from fringeworks.report.verdicts import Verdict
@@ -147,6 +147,8 @@ def _picture(picture: Picture) -> dict[str, str]:
         picture.figure.savefig(file, format="svg", metadata={"Date": None})
     source = base64.b64encode(file.getvalue()).decode()
     kind = "wide" if picture.figure.get_figwidth() > WIDE_IN else "small"
+    if not picture.figure.findobj(lambda one: isinstance(one, AxesImage)):
+        kind += " lines"
     return {
         "source": f"data:image/svg+xml;base64,{source}",
         "caption": picture.caption,

@@ -118,7 +118,7 @@ def provenance_block(provenance: Provenance | None) -> tuple[Block, ...]:
     if provenance is None:
         return (Origin((("made by", "unknown: the result carries no provenance"),)),)
     rows: list[tuple[str, Any]] = [
-        ("made by", f"fringeworks {provenance.version}, {provenance.date}"),
+        ("made by", f"fringeworks {provenance.version}, {provenance.date}".removesuffix(", ")),
         ("call", call_text(provenance)),
         *((f"input {source.name}", f"sha256 {source.sha256}") for source in provenance.inputs),
         ("plan", _hash(provenance.plan_sha256)),

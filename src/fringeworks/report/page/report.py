@@ -24,6 +24,7 @@ from fringeworks.report.page.surfaces import comparable
 from fringeworks.report.page.tolerances import Tolerance, parse_tolerance
 from fringeworks.report.verdicts import Verdict, verdict_of
 from fringeworks.types import FileProblem, InputError, Provenance, Rig, made_by
+from fringeworks.types.report_head import checked_head, headline
 
 SUFFIXES = (".html", ".pdf")
 """Formats of a report."""
@@ -64,7 +65,7 @@ def write_report(
         forms, set-ups, tables of ``compare``, and JSON files that commands wrote. The names of a
         mapping are the headings.
     title : str
-        By default the first result's name.
+        By default the first result's name; with a part in the head, the part and its serial number.
     notes : sequence of str
         Shown below the title.
     tolerances : sequence of Tolerance or str
@@ -104,6 +105,9 @@ def write_report(
     limits = tuple(parse_tolerance(t) if isinstance(t, str) else t for t in tolerances)
     verdicts: list[str] = []
     known = rig if isinstance(rig, Rig) or rig is None else read_rig(rig)
+    fields = _fields(named, head or {})
+    if not title and len(named) == 1:
+        named = [(headline(fields, named[0][0]), named[0][1])]
     chapters = [
         chapter_of(result, Context(name, limits, known, every, verdicts)) for name, result in named
     ]
@@ -115,7 +119,7 @@ def write_report(
     origin = getattr(named[0][1], "provenance", None) if own else None
     origin = origin or made_by("write_report", options={"title": title or None, "every": every})
     targets = (path, *(() if pdf is None else (Path(pdf),)))
-    top = _head_of(named, head or {}, judged=verdict is not None)
+    top = head_of(fields, kind_of(named[0][1]).head, judged=verdict is not None)
     for target in targets:
         write_page(
             target,
@@ -130,13 +134,10 @@ def write_report(
     return ReportWritten(targets, all(one == "pass" for one in verdicts))
 
 
-def _head_of(
-    named: Sequence[tuple[str, Any]], given: Mapping[str, str], *, judged: bool
-) -> Head | None:
-    """The head of a report: what is given, and what the recipe of an inspection says."""
+def _fields(named: Sequence[tuple[str, Any]], given: Mapping[str, str]) -> dict[str, str]:
+    """Fields of the head: what is given, and what the recipe of an inspection says."""
     recipe = getattr(named[0][1], "recipe", None) if len(named) == 1 else None
-    fields = {**getattr(recipe, "head", {}), **given}
-    return head_of(fields, kind_of(named[0][1]).head, judged=judged)
+    return checked_head({**getattr(recipe, "head", {}), **given})
 
 
 def _own_verdict(result: Any) -> Verdict | None:

@@ -79,7 +79,7 @@ def base_camera(
     robot = rig.robot
     if robot is None:
         raise InputError(
-            "rig: expected where the camera is on the robot, got none; calibrate it (hand_eye)"
+            "rig: expected where the camera is on the robot, got none: hand-eye calibrates it"
         )
     if robot.mount == "base":
         if robot_pose is not None:
@@ -137,4 +137,4 @@ def _unknown(robot: RobotFrame) -> tuple[Finding, ...]:
     if not missing:
         return ()
     what = f"σ does not hold the errors {' and '.join(missing)}, which the rig does not state"
-    return (Finding("uncertainty", what, advice="calibrate the camera on the robot (hand_eye)"),)
+    return (Finding("uncertainty", what, advice="calibrate the camera on the robot by hand-eye"),)

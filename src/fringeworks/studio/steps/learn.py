@@ -8,12 +8,16 @@ from nicegui import ui
 
 from fringeworks.pair.analyse import methods
 from fringeworks.serving.worker import Job
-from fringeworks.studio.learning import BODIES, PAIRS, SLIDERS
+from fringeworks.studio.learning import BODIES, PAIRS, SLIDERS, straightens
 from fringeworks.studio.steps.parts import Step, disclosure, work
 from fringeworks.types.numbers import number, percent
 
 PAPER_PX = (200, 300, 500, 1000)
 """Sides of the dissertation's scenes; the last one is its own."""
+
+
+STRAIGHTEN = "Straighten γ of frames without noise, as by default"
+"""What the box beside methods that straighten the response says."""
 
 
 def build(step: Step) -> None:
@@ -34,8 +38,11 @@ class _Learn:
             ).classes("fw-field")
             self._body = ui.select([], label="Body").classes("fw-narrow")
             names = list(methods())
-            self._method = ui.select(names, value="windowed", label="Method").classes("fw-field")
+            self._method = ui.select(
+                names, value="windowed", label="Method", on_change=self._offer
+            ).classes("fw-field")
             self._painted = ui.checkbox("Painted")
+            self._straighten = ui.checkbox(STRAIGHTEN, value=True)
         self._settings = ui.element("div").classes("fw-sliders")
         self._offer()
         ui.button("Try", on_click=step.attempt(self._begin)).props("no-caps")
@@ -53,6 +60,7 @@ class _Learn:
         self._body.set_options(bodies, value=kept)
         self._method.set_visibility(experiment in PAIRS)
         self._painted.set_visibility(experiment == "two frames, ideal")
+        self._straighten.set_visibility(self._straightens())
         before = {key: slider.value for key, slider in self._sliders.items()}
         self._sliders = {}
         self._settings.clear()
@@ -68,6 +76,11 @@ class _Learn:
                 ui.label().bind_text_from(slider, "value", lambda v: f"{v:g}")
                 self._sliders[key] = slider
 
+    def _straightens(self) -> bool:
+        """Whether the chosen method straightens the response."""
+        ideal = self._experiment.value == "two frames, ideal"
+        return ideal and straightens(self._method.value)
+
     def _begin(self) -> None:
         settings: dict[str, Any] = {key: slider.value for key, slider in self._sliders.items()}
         for key in ("fringes", "steps"):
@@ -75,6 +88,8 @@ class _Learn:
                 settings[key] = int(settings[key])
         if self._experiment.value == "two frames, ideal":
             settings["painted"] = self._painted.value
+        if self._straightens():
+            settings["straighten"] = self._straighten.value
         self._studio.learn(
             self._session, self._experiment.value, self._body.value, self._method.value, settings
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,6 +17,7 @@ from fringeworks.evaluate.quantities import PARALLEL_SINE, AreaDeviation
 from fringeworks.evaluate.shares import Share, Shares
 from fringeworks.evaluate.tolerances.association import associate
 from fringeworks.evaluate.tolerances.bodies import Body, Kind, everything, twists
+from fringeworks.evaluate.tolerances.settled import OnModel, Settled, measured_at, settled
 from fringeworks.evaluate.tolerances.smooth import Smooth, smooth
 from fringeworks.evaluate.tolerances.unsure import Changes, Unsure, drawn
 from fringeworks.rig.point_errors import root_of
@@ -33,6 +35,8 @@ BINS = 20
 no other can limit a zone."""
 EVEN_POINTS = 5_000
 """Points of a surface of which a share is left out: 15 of them are 0.3 %."""
+RESTING_POINTS = 1_000
+"""Points that tell where a surface rests on its model, before those that limit it are chosen."""
 MEDIAN_POINTS = 2_000
 """Points of a median surface: 45 along each side."""
 LINES = 21
@@ -79,6 +83,8 @@ class Skin:
     """Number of each point's line, (m,); all 0 without lines."""
     across: FloatMap | None = None
     """Normal of the planes that the lines lie in, (3,); None without lines."""
+    model: OnModel | None = None
+    """The model that the points may move on; None for bodies and for points that stay in place."""
 
     @property
     def lined(self) -> bool:
@@ -102,6 +108,25 @@ class Skin:
             u, size, _ = np.linalg.svd(slopes, full_matrices=False)
             found.append(u[:, size > FLAT * size[0]])
         return found
+
+    @property
+    def motions(self) -> FloatMap:
+        """Motions of the points that their tolerance leaves free: all, or those within the plane of
+        a line, (6, f)."""
+        if self.across is None:
+            return everything()
+        free = np.zeros((6, 3))
+        free[:3, 0] = self.across
+        free[3:, 1:] = np.linalg.svd(self.across[None])[2][1:].T
+        return free
+
+    @cached_property
+    def settled(self) -> list[Settled]:
+        """The points of each line after the motion that suits them best on the model."""
+        assert self.model is not None
+        points, free = self.points(), self.motions
+        starts = [measured_at(points[at], self.model) for at in self.lines]
+        return [settled(one, free, self.model) for one in starts]
 
     def points(self, change: FloatMap | float = 0.0) -> FloatMap:
         """Return the points of the surface, its distances changed, (m, 3), mm."""
@@ -249,17 +274,27 @@ def _pitch(points: FloatMap) -> float:
     return float(np.sqrt(12.0 * np.sqrt(spread[0] * spread[1]) / len(points)))
 
 
-def skin_of_model(part: AreaDeviation, lines: Lines | None = None) -> Skin:
-    """Return the surface of an area, measured from its model; see ``skin``."""
+def skin_of_model(part: AreaDeviation, lines: Lines | None = None, *, free: bool = False) -> Skin:
+    """Return the surface of an area, measured from its model, which it may move on; see ``skin``."""
     middle = part.outwards.mean(axis=0)
     flat = Body("plane", part.middle, middle / np.linalg.norm(middle))
     chart = chart_of(flat, flat.direction, lines, exact=False)
-    found = _skin(part, chart, part.outwards, part.distance, lines)
+
+    def at_rest(points: FloatMap) -> FloatMap:
+        start = measured_at(points[:: -(-len(points) // RESTING_POINTS)], part.on_model)
+        rest = settled(start, everything(), part.on_model)
+        moved = (points - start.points[0]) @ rest.turn.T + rest.points[0]
+        return part.on_model(moved)[0]
+
+    rest = at_rest if free and lines is None else None
+    found = _skin(part, chart, part.outwards, part.distance, lines, rest=rest)
     # What is left of the alignment's errors moves all points together.
     pixel = scipy.spatial.cKDTree(part.points).query(found.foot)[1]
     pose = part.by_pose[pixel] @ root_of(part.pose_covariance)
     sources = (*found.sources, *pose.shape[1] * (Share("alignment", 1.0),))
-    return replace(found, parts=np.column_stack((found.parts, pose)), sources=sources)
+    model = part.on_model if free else None
+    parts = np.column_stack((found.parts, pose))
+    return replace(found, parts=parts, sources=sources, model=model)
 
 
 def _skin(
@@ -271,6 +306,7 @@ def _skin(
     points: FloatMap | None = None,
     *,
     evenly: bool = False,
+    rest: Callable[[FloatMap], FloatMap] | None = None,
 ) -> Skin:
     places = chart.places(part.points)
     inner = np.flatnonzero(part.inner)
@@ -290,14 +326,23 @@ def _skin(
         if lines is not None:
             at, number = _on_lines(chart, lines, places[kept], low, span)
         pixel = kept[scipy.spatial.cKDTree(unit[kept]).query(at)[1]]
+        if lines is not None and not chart.exact:
+            # A model has feet at pixels alone.
+            number, pixel = np.unique(np.stack((number, pixel)), axis=1)
+            pixel = pixel.astype(np.intp)
+            at = unit[pixel]
         unsure = Unsure(fitted.design(at), fitted.likely)
         value, weight = fitted.at(at), np.ones(len(at))
     elif fitted.resolved:
         value = fitted.at(unit)
+        if rest is not None:
+            kept = kept[:: -(-len(kept) // MOST_POINTS)]
+            value[kept] = rest(feet[kept] + value[kept, None] * normals[kept])
         pixel, weight = _evenly(kept) if evenly else _limiting(unit, value, kept)
         if chart.body.kind != "plane" and not evenly:
             pixel, weight = _with_all(pixel, _evenly(kept))
-        at, value, number = unit[pixel], value[pixel], number[pixel]
+        at, number = unit[pixel], number[pixel]
+        value = fitted.at(at)
         unsure = Unsure(fitted.design(at), fitted.likely)
     else:
         pixel = kept[:: -(-len(kept) // MOST_POINTS)]

@@ -14,7 +14,7 @@ from fringeworks.rig.pinhole import rotation
 from fringeworks.types import FloatMap
 
 OnModel = Callable[[FloatMap], tuple[FloatMap, FloatMap]]
-"""Signed distances of points (n, 3) from a model, (n,), mm, and the directions out of it, (n, 3)."""
+"""Signed distances of points (n, 3) from a model, (n,), mm, and directions out of it, (n, 3)."""
 
 FIRST_STEP = 0.1
 """Largest motion of the first linear step, in root mean square distances of the points from their

@@ -275,7 +275,7 @@ def _pitch(points: FloatMap) -> float:
 
 
 def skin_of_model(part: AreaDeviation, lines: Lines | None = None, *, free: bool = False) -> Skin:
-    """Return the surface of an area, measured from its model, which it may move on; see ``skin``."""
+    """Return the surface of an area, measured from its model; ``free`` if it may move on it."""
     middle = part.outwards.mean(axis=0)
     flat = Body("plane", part.middle, middle / np.linalg.norm(middle))
     chart = chart_of(flat, flat.direction, lines, exact=False)

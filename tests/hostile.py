@@ -28,7 +28,7 @@ import fringeworks as fw
 from fringeworks.types import made_by
 from tests.cameras import small_rig
 from tests.hostile_structure import damaged
-from tests.test_qif_tolerances import LEFT, TAKEN, document
+from tests.qif_documents import LEFT, TAKEN, document
 
 FOLDER = "capture"
 TOML_WORDS = (

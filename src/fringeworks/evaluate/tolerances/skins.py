@@ -57,6 +57,11 @@ DEGREE = 3
 over a third of the area."""
 
 
+AtRest = Callable[[NDArray[np.intp], FloatMap], FloatMap]
+"""Distances of some points (m,) from their model after the motion that suits them, from those at
+the measured place, (m,), mm."""
+
+
 @dataclass(frozen=True)
 class Skin:
     """Points of a feature on its body of least squares, and their distances from it."""
@@ -280,7 +285,9 @@ def skin_of_model(part: AreaDeviation, lines: Lines | None = None, *, free: bool
     flat = Body("plane", part.middle, middle / np.linalg.norm(middle))
     chart = chart_of(flat, flat.direction, lines, exact=False)
 
-    def at_rest(points: FloatMap) -> FloatMap:
+    def at_rest(some: NDArray[np.intp], distance: FloatMap) -> FloatMap:
+        away = distance - part.distance[some]
+        points = part.points[some] + away[:, None] * part.outwards[some]
         start = measured_at(points[:: -(-len(points) // RESTING_POINTS)], part.on_model)
         rest = settled(start, everything(), part.on_model)
         moved = (points - start.points[0]) @ rest.turn.T + rest.points[0]
@@ -306,7 +313,7 @@ def _skin(
     points: FloatMap | None = None,
     *,
     evenly: bool = False,
-    rest: Callable[[FloatMap], FloatMap] | None = None,
+    rest: AtRest | None = None,
 ) -> Skin:
     places = chart.places(part.points)
     inner = np.flatnonzero(part.inner)
@@ -327,23 +334,14 @@ def _skin(
             at, number = _on_lines(chart, lines, places[kept], low, span)
         pixel = kept[scipy.spatial.cKDTree(unit[kept]).query(at)[1]]
         if lines is not None and not chart.exact:
-            # A model has feet at pixels alone.
-            number, pixel = np.unique(np.stack((number, pixel)), axis=1)
-            pixel = pixel.astype(np.intp)
+            number, pixel = _at_pixels(number, pixel)
             at = unit[pixel]
         unsure = Unsure(fitted.design(at), fitted.likely)
         value, weight = fitted.at(at), np.ones(len(at))
     elif fitted.resolved:
-        value = fitted.at(unit)
-        if rest is not None:
-            kept = kept[:: -(-len(kept) // MOST_POINTS)]
-            value[kept] = rest(feet[kept] + value[kept, None] * normals[kept])
-        pixel, weight = _evenly(kept) if evenly else _limiting(unit, value, kept)
-        if chart.body.kind != "plane" and not evenly:
-            pixel, weight = _with_all(pixel, _evenly(kept))
+        pixel, weight = _chosen(chart, unit, fitted.at(unit), kept, rest, evenly=evenly)
         at, number = unit[pixel], number[pixel]
-        value = fitted.at(at)
-        unsure = Unsure(fitted.design(at), fitted.likely)
+        unsure, value = Unsure(fitted.design(at), fitted.likely), fitted.at(at)
     else:
         pixel = kept[:: -(-len(kept) // MOST_POINTS)]
         at, value, number, weight = unit[pixel], distance[pixel], number[pixel], np.ones(len(pixel))
@@ -352,11 +350,39 @@ def _skin(
     if lines is not None and chart.exact:
         foot = chart.feet(low + span * at)
         normal = chart.body.normals(foot)
-    across = None
-    if lines is not None:
-        across = chart.first if lines.run == "across" else np.cross(chart.middle, chart.first)
+    across = None if lines is None else _across(chart, lines)
     common = _parts(part, unit, normals, kept, at, pixel)
     return Skin(chart.body, foot, normal, value, (unsure,), *common, weight, number, across)
+
+
+def _at_pixels(number: FloatMap, pixel: NDArray[np.intp]) -> tuple[FloatMap, NDArray[np.intp]]:
+    """Each pixel of each line once: a model has feet at pixels alone."""
+    both = np.unique(np.stack((number, pixel)), axis=1)
+    return both[0], both[1].astype(np.intp)
+
+
+def _across(chart: Chart, lines: Lines) -> FloatMap:
+    """Normal of the planes that lines lie in, (3,)."""
+    return chart.first if lines.run == "across" else np.cross(chart.middle, chart.first)
+
+
+def _chosen(
+    chart: Chart,
+    unit: FloatMap,
+    value: FloatMap,
+    kept: NDArray[np.intp],
+    rest: AtRest | None,
+    *,
+    evenly: bool,
+) -> tuple[NDArray[np.intp], FloatMap]:
+    """Points that stand for a surface, and the number of pixels that each stands for in means."""
+    if evenly:
+        return _evenly(kept)
+    if rest is not None:
+        kept = kept[:: -(-len(kept) // MOST_POINTS)]
+        value[kept] = rest(kept, value[kept])
+    pixel, weight = _limiting(unit, value, kept)
+    return (pixel, weight) if chart.body.kind == "plane" else _with_all(pixel, _evenly(kept))
 
 
 def _noise_along(part: AreaPoints, normals: FloatMap) -> FloatMap:

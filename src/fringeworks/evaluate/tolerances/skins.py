@@ -17,12 +17,12 @@ from fringeworks.evaluate.quantities import PARALLEL_SINE, AreaDeviation
 from fringeworks.evaluate.shares import Share, Shares
 from fringeworks.evaluate.tolerances.association import associate
 from fringeworks.evaluate.tolerances.bodies import Body, Kind, everything, twists
+from fringeworks.evaluate.tolerances.outliers import outliers
 from fringeworks.evaluate.tolerances.settled import OnModel, Settled, measured_at, settled
 from fringeworks.evaluate.tolerances.smooth import Smooth, smooth
 from fringeworks.evaluate.tolerances.unsure import Changes, Unsure, drawn
 from fringeworks.rig.point_errors import root_of
-from fringeworks.statistics.quantiles import robust_sigma
-from fringeworks.surface.form import DISCARDED, FAR_SIGMAS, fit_form
+from fringeworks.surface.form import DISCARDED, fit_form
 from fringeworks.types import FloatMap, InputError
 
 BLOCKS = 128
@@ -415,13 +415,15 @@ def _fitted(
         means, left = _blocks(columns[kept], variance[kept])
         return smooth(means[:, :2], means[:, 2], left, stated=stated, moves=means[:, 3:])
 
+    def left_by(one: Smooth) -> FloatMap:
+        return np.asarray((distance[inner] - one.at(unit[inner])) / np.sqrt(variance[inner]))
+
     found = fit(inner)
-    away = np.abs(distance[inner] - found.at(unit[inner])) / np.sqrt(variance[inner])
-    wrong = away > FAR_SIGMAS * robust_sigma(away * np.resize((1.0, -1.0), len(away)))
+    wrong, together = outliers(unit[inner], left_by(found), lambda kept: left_by(fit(inner[kept])))
     if 0 < wrong.mean() <= DISCARDED:
         inner = inner[~wrong]
         found = fit(inner)
-    return found, inner
+    return (replace(found, resolved=False) if together else found), inner
 
 
 def _blocks(columns: FloatMap, variance: FloatMap) -> tuple[FloatMap, FloatMap]:

@@ -28,6 +28,7 @@ import fringeworks as fw
 from fringeworks.types import made_by
 from tests.cameras import small_rig
 from tests.hostile_structure import damaged
+from tests.qif_documents import LEFT, TAKEN, document
 
 FOLDER = "capture"
 TOML_WORDS = (
@@ -382,6 +383,7 @@ def targets(folder: Path) -> list[Target]:
         Target("mesh.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", fw.files.read_mesh, TEXT_WORDS),
         Target("r/recipe.toml", RECIPE, fw.files.read_recipe, TOML_WORDS, {"r/plan.toml": PLAN, "r/m.png": png}),
         Target("tolerances.step", STEP.read_bytes(), fw.files.read_tolerances, TEXT_WORDS),
+        Target("tolerances.qif", document(TAKEN | LEFT).encode(), lambda p: fw.files.read_tolerances(p, model=STEP.with_name("tolerances.step")), TEXT_WORDS),
         Target("robot.toml", _written(folder, "robot.toml", lambda p: fw.files.write_rig(p, replace(rig, robot=fw.rig.RobotFrame("hand", np.eye(4), np.eye(6), fw.rig.RobotNoise(0.1, 0.1), "kuka")))), fw.files.read_rig, TOML_WORDS),
         Target("poses.csv", b"name,X,Y_mm,Z,A,B,C\na,600,0,400,90,0,180\n", fw.files.read_robot_poses, TEXT_WORDS),
         Target("poses.dat", b"XP1={X 1.5,Y 2,Z -3,A 90,B 0,C 180,S 2}\nXP2={X 1,Y 2,Z 3,A 9,B 0,C 1,S 2}\n", fw.files.read_robot_poses, TEXT_WORDS),

@@ -15,8 +15,9 @@ from fringeworks.evaluate.tolerances.association import associate
 from fringeworks.evaluate.tolerances.bodies import Body, everything, invariant, shared
 from fringeworks.evaluate.tolerances.datums import System
 from fringeworks.evaluate.tolerances.measure import measure_tolerance, prepared
-from fringeworks.evaluate.tolerances.minimax import _by_library, smallest_largest
+from fringeworks.evaluate.tolerances.minimax import BOUND, _by_library, smallest_largest
 from fringeworks.evaluate.tolerances.smooth import smooth
+from fringeworks.rig.pinhole import rotation
 from fringeworks.rig.point_errors import point_errors
 from fringeworks.simulate.standard import standard_rig
 from tests.oracles import tolerances as oracle
@@ -27,6 +28,7 @@ from tests.tolerance_bodies import (
     SIDE,
     Case,
     case,
+    grid,
     plane,
     profile_case,
     zone,
@@ -65,8 +67,15 @@ def test_the_smallest_largest_value_is_that_of_the_library():
     for k in (1, 2, 4, 6):
         values, slopes = rng.normal(size=200), rng.normal(size=(200, k))
         both = np.concatenate((values, -values)), np.vstack((slopes, -slopes))
-        one, other = smallest_largest(*both), _by_library(*both)
+        one, other = smallest_largest(*both), _by_library(*both, np.full(k + 1, BOUND))
         np.testing.assert_allclose(one, other, atol=1e-7)
+        half = 0.5 * float(np.abs(one).max())
+        size = float(np.abs(values).max())
+        bound = np.append(np.full(k, half / size), BOUND)
+        near = smallest_largest(*both, within=half)
+        assert np.abs(near).max() <= half * (1.0 + 1e-9)
+        far = _by_library(both[0] / size, both[1], bound) * size
+        np.testing.assert_allclose(near, far, atol=1e-7)
 
 
 def test_motions_that_leave_bodies_as_they_are():
@@ -300,6 +309,35 @@ def test_profiles_are_those_of_another_solver(seed, monkeypatch):
     for one, value in zip(cases, expected, strict=True):
         assert profile_of(one, cloud) == pytest.approx(value, rel=0.01), one.tolerance.quantity
     assert expected[0] > expected[1]
+
+
+def trough(turn_deg=0.25, half_mm=34.0):
+    """The trough z = 500 + x²/60 as triangles."""
+    x = 30.0 * np.tan(np.radians(np.arange(-48.0, 48.01, turn_deg)))
+    x, y = (one.ravel() for one in np.meshgrid(x, [-half_mm, half_mm], indexing="ij"))
+    k = 2 * np.arange(len(x) // 2 - 1)
+    faces = np.concatenate((np.stack((k, k + 1, k + 2), -1), np.stack((k + 1, k + 3, k + 2), -1)))
+    mesh = fw.TriangleMesh(np.column_stack((x, y, 500.0 + x**2 / 60.0)), faces.astype(np.uint32))
+    return fw.evaluate.PartModel(mesh, fw.evaluate.KnownPose(np.eye(4)), 2.0)
+
+
+@pytest.mark.parametrize("quantity", ["iso_surface_profile", "iso_line_profile"])
+def test_a_profile_without_datums_slides_along_its_model(quantity):
+    """A trough that lies 2 mm along its own curve is a perfect trough elsewhere on it."""
+    u, v = grid()
+    x = 12.0 * u + 6.0
+    lying = np.stack((x, 12.0 * v, x**2 / 60.0), axis=-1)
+    # The tangent at x = 6 becomes level there, and the points move so that both curves touch.
+    slope = 6.0 / 30.0
+    turned_by = rotation(np.array([0.0, np.arctan(slope), 0.0]))
+    moved = (lying - [6.0, 0.0, 0.6]) @ turned_by.T + [0.0, 0.0, 500.0]
+    options = {} if quantity == "iso_surface_profile" else {"direction": (1.0, 0.0, 0.0)}
+    one = Case(zone(quantity, **options), {"part": moved}, {}, trough())
+    held = Case(zone("iso_surface_profile", located=True), {"part": moved}, {}, trough())
+    cloud = one.cloud(np.random.default_rng(0), 0.0)
+    assert profile_of(held, cloud) > 0.03
+    # Facets of 0.25° lie 0.1 to 0.3 µm inside.
+    assert profile_of(one, cloud) < 0.002
 
 
 def profile_of(one, cloud):

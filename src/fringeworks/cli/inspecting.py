@@ -73,10 +73,15 @@ def inspect_part(
     epilog="Example: fringeworks recipe part.step --rig rig.toml --out recipe.toml",
 )
 def recipe(
-    drawing: Annotated[Path, typer.Argument(help="Drawing with tolerances: STEP AP242.")],
+    drawing: Annotated[
+        Path, typer.Argument(help="Drawing with tolerances: STEP AP242, or a QIF 3 document.")
+    ],
     out: Annotated[Path, typer.Option("--out", help="Write the recipe: .toml beside the drawing.")],
     rig: Annotated[
         Path | None, typer.Option(help="Rig file of `calibrate`; it lies beside the recipe.")
+    ] = None,
+    model: Annotated[
+        Path | None, typer.Option(help="STEP drawing whose faces a QIF document names.")
     ] = None,
 ) -> None:
     """Begin a recipe with the tolerances of a drawing; says which ones it cannot take."""
@@ -85,7 +90,7 @@ def recipe(
     from fringeworks.types.numbers import limit  # when it is used
 
     words = output.Output()
-    found = fw.files.read_tolerances(drawing)
+    found = fw.files.read_tolerances(drawing, model=model)
     fw.files.write_recipe(out, replace(found.recipe, rig=rig))
     columns = ("tolerance", "quantity", "faces", "datums", "largest / mm")
     rows = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
@@ -27,9 +28,11 @@ from fringeworks.evaluate.quantified import (
     narrowest_range,
 )
 from fringeworks.evaluate.shares import Share, Shares, scaled, total
+from fringeworks.rig.pinhole import transform
+from fringeworks.surface.closest import MeshDistance
 from fringeworks.surface.form import DISCARDED, Form, fit_region
 from fringeworks.surface.form_geometry import BodyKind
-from fringeworks.types import Area, FloatMap, InputError, PointCloud, Reason, Rig
+from fringeworks.types import Area, FloatMap, InputError, PointCloud, Reason, Rig, TriangleMesh
 from fringeworks.types.numbers import percent
 
 SECTION_POINTS = 300
@@ -42,6 +45,25 @@ PARALLEL_SINE = 1e-9
 """Sine of an angle below which two planes are parallel to rounding."""
 LEAST_SHARE_OF_VOLUME = 0.99
 """Smallest share of measured pixels of a volume: nothing is known about the rest."""
+
+
+class PartOnModel:
+    """Distances of points in the part's coordinates from its model, wherever they are moved."""
+
+    def __init__(self, model: TriangleMesh, T_model_part: FloatMap) -> None:
+        self._model, self._T = model, T_model_part
+
+    @cached_property
+    def _mesh(self) -> MeshDistance:
+        return MeshDistance(self._model)
+
+    def __call__(self, points_mm: FloatMap) -> tuple[FloatMap, FloatMap]:
+        """Return signed distances of points (n, 3), (n,), mm, and directions out of the model's
+        round surface, (n, 3)."""
+        placed = transform(self._T, points_mm)
+        apart = float(np.abs(placed).max() + np.abs(self._mesh.corners).max())
+        found = self._mesh.nearest(placed, 2.0 * apart)
+        return found.distance_mm, self._mesh.smooth_normals(found) @ self._T[:3, :3]
 
 
 @dataclass(frozen=True)
@@ -59,6 +81,8 @@ class AreaDeviation(AreaPoints):
     """Derivative of the distances by an error ξ of the alignment, (n, 6)."""
     pose_covariance: FloatMap
     """(6, 6) covariance of ξ that is not in ``by_rig``."""
+    on_model: PartOnModel
+    """Distances of any points of the part from the model."""
 
     def shares_by(self, weights: FloatMap) -> Shares:
         """Return the parts of σ of a quantity with these derivatives by the distances, (n,)."""
@@ -124,6 +148,7 @@ def area_deviation(
         outwards=n @ T[:3, :3],
         by_pose=np.column_stack((np.cross(placed, n), n)),
         pose_covariance=covariance,
+        on_model=PartOnModel(found.model, T),
     )
 
 

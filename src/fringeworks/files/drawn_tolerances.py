@@ -1,4 +1,4 @@
-"""Recipes of the tolerances that a STEP AP242 drawing states for its faces."""
+"""Recipes of the tolerances that a STEP AP242 drawing or a QIF document states for faces."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from fringeworks.files.atomic import StrPath
 from fringeworks.files.cad import STEP_SUFFIXES
 from fringeworks.files.limits import existing_file, parsing, read_content
 from fringeworks.files.part21 import Entity, parse_part21, references
+from fringeworks.files.qif import SUFFIX as QIF
+from fringeworks.files.qif import NamedFace, QifEntities, QifTolerance, parse_qif
 from fringeworks.types import (
     Area,
     Datum,
@@ -95,6 +97,39 @@ DIMENSIONS = (
     "DIRECTED_DIMENSIONAL_LOCATION",
 )
 """Beginnings of the types of dimensions."""
+NOT_READ = (
+    "dimensions are not read: a size between two points (ISO 14405-1) is not the size of a fitted "
+    "body"
+)
+"""Why recipes have none of them."""
+CHARACTERISTICS_OF_QIF: Mapping[str, str] = MappingProxyType(
+    {
+        "Straightness": "iso_straightness",
+        "Flatness": "iso_flatness",
+        "Circularity": "iso_roundness",
+        "Cylindricity": "iso_cylindricity",
+        "SurfaceProfile": "iso_surface_profile",
+        "Parallelism": "iso_parallelism",
+        "Perpendicularity": "iso_perpendicularity",
+        "Concentricity": "iso_concentricity",
+        "Coaxiality": "iso_coaxiality",
+        "Symmetry": "iso_symmetry",
+        "CircularRunout": "iso_circular_run_out",
+        "TotalRunout": "iso_total_run_out",
+    }
+)
+"""Quantities of a recipe by the characteristics of QIF."""
+NOT_IN_DOCUMENT: Mapping[str, str] = MappingProxyType(
+    {
+        "LineProfile": NOT_IN_FILE["LINE_PROFILE_TOLERANCE"],
+        "Angularity": NOT_IN_FILE["ANGULARITY_TOLERANCE"],
+        "Position": NOT_IN_FILE["POSITION_TOLERANCE"],
+        "Sphericity": "recipes have no sphericity",
+        "Conicity": "recipes have no conicity",
+        "SurfaceProfileNonUniform": "its zone is uneven, which recipes do not have",
+    }
+)
+"""Characteristics of QIF that recipes do not have, and why."""
 MOST_LETTERS = 80
 """Longest name of a tolerance of a recipe."""
 
@@ -119,13 +154,33 @@ class _Made:
     left_out: list[Finding] = field(default_factory=list)
 
 
-def read_tolerances(path: StrPath) -> DrawnTolerances:
-    """Read the tolerances that a STEP AP242 file states for its faces.
+@dataclass(frozen=True)
+class _Stated:
+    """A tolerance as a file states it."""
+
+    name: object
+    """Its own name, where the file has one."""
+    word: str
+    number: str
+    quantity: str
+    value_mm: float
+    faces: list[DrawnFace]
+    form: str
+    """Form of the zone in words."""
+    given: list[DrawnDatum]
+
+
+def read_tolerances(path: StrPath, *, model: StrPath | None = None) -> DrawnTolerances:
+    """Read the tolerances that a STEP AP242 file or a QIF document states for faces.
 
     Parameters
     ----------
     path : path
-        Drawing, ``.step`` or ``.stp``; its text is read, without the extra ``cad``.
+        Drawing, ``.step`` or ``.stp``, or document, ``.qif`` of QIF 3. Its text is read, without
+        the extra ``cad``.
+    model : path, optional
+        Drawing, ``.step`` or ``.stp``, whose faces have the names of a document's; a document needs
+        it, and a drawing is its own.
 
     Returns
     -------
@@ -134,34 +189,103 @@ def read_tolerances(path: StrPath) -> DrawnTolerances:
 
     Raises
     ------
-    FileProblem for files that are missing, damaged, cut off or not STEP; InputError for another
-    suffix.
+    FileProblem for files that are missing, damaged, cut off or of another kind; InputError for
+    another suffix, and a document without a drawing.
 
     Notes
     -----
     Entities of ISO 10303-242: a tolerance names a shape aspect, which a usage connects with faces.
+    Elements of QIF 3 (ISO 23952:2020): the nominal of a characteristic names features, whose faces
+    are known by their labels.
     """
     path = Path(path)
+    made = _Made()
+    if path.suffix.lower() == QIF:
+        if model is None:
+            raise InputError(f"model: expected the drawing whose faces {path.name} names, got none")
+        drawing = Path(model)
+        _of_document(path, _drawn(drawing), made)
+    else:
+        if model is not None:
+            raise InputError("model: expected none beside a drawing, which is its own")
+        drawing = path
+        drawn = _drawn(drawing)
+        with parsing(drawing, "a STEP file"):
+            for one, kind in drawn.tolerances():
+                _take(drawn, one, kind, made)
+            _dimensions(drawn, made)
+    with parsing(path, "tolerances"):
+        recipe = Recipe(
+            areas=made.areas,
+            datums=made.datums,
+            tolerances=tuple(made.tolerances),
+            model=PartModel(drawing),
+        )
+    return DrawnTolerances(recipe, tuple(made.left_out))
+
+
+def _drawn(path: Path) -> DrawnEntities:
+    """The entities of a drawing."""
     if path.suffix.lower() not in STEP_SUFFIXES:
-        raise InputError(f"tolerances: expected {' or '.join(STEP_SUFFIXES)}, got {path.name}")
+        expected = " or ".join(STEP_SUFFIXES)
+        raise InputError(f"tolerances: expected {expected}, got {path.name}")
     path = existing_file(path, "a STEP file")
     with parsing(path, "a STEP file"):
         text = read_content(path, "a STEP file").decode("utf-8", "replace")
         entities = parse_part21(text)
         if "END-ISO-10303-21" not in text[-1000:]:
             raise FileProblem("expected END-ISO-10303-21 at the end, got a file that is cut off")
-        drawn = DrawnEntities(entities)
-        made = _Made()
-        for one, kind in drawn.tolerances():
-            _take(drawn, one, kind, made)
-        _dimensions(drawn, made)
-        recipe = Recipe(
-            areas=made.areas,
-            datums=made.datums,
-            tolerances=tuple(made.tolerances),
-            model=PartModel(path),
-        )
-    return DrawnTolerances(recipe, tuple(made.left_out))
+        return DrawnEntities(entities)
+
+
+def _of_document(path: Path, drawn: DrawnEntities, made: _Made) -> None:
+    """Take the tolerances of a QIF document for the faces of a drawing."""
+    path = existing_file(path, "a QIF document")
+    with parsing(path, "a QIF document"):
+        document = QifEntities(parse_qif(read_content(path, "a QIF document")))
+        for one in document.tolerances():
+            word = _spaced(one.kind)
+            title = f"{word} #{one.number}" + (f" {one.name!r}" if one.name else "")
+            if one.kind not in CHARACTERISTICS_OF_QIF and one.kind not in NOT_IN_DOCUMENT:
+                made.left_out.append(Finding("dimension", f"{title}: {NOT_READ}", severity="note"))
+                continue
+            try:
+                _add(drawn, _of_characteristic(document, one, word, drawn), made)
+            except InputError as problem:
+                made.left_out.append(Finding("tolerance", f"{title}: {problem}"))
+
+
+def _of_characteristic(
+    document: QifEntities, one: QifTolerance, word: str, drawn: DrawnEntities
+) -> _Stated:
+    if one.kind in NOT_IN_DOCUMENT:
+        raise Unclear(NOT_IN_DOCUMENT[one.kind])
+    quantity = CHARACTERISTICS_OF_QIF[one.kind]
+    definition = document.definition(one)
+    faces = [_named(drawn, face) for face in document.faces(one.nominal)]
+    _count(faces, quantity)
+    given = [
+        DrawnDatum(letters, [_named(drawn, face) for face in of])
+        for letters, of in document.datums(definition)
+    ]
+    value, form = document.value_mm(definition), document.form(definition)
+    return _Stated(one.name, word, one.number, quantity, value, faces, form, given)
+
+
+def _named(drawn: DrawnEntities, named: NamedFace) -> DrawnFace:
+    """The face of a drawing with a name and a nominal form."""
+    found = [face for face in drawn.faces.values() if face.name == named.name]
+    if len(found) != 1:
+        many = "no face" if not found else "several faces"
+        raise Unclear(f"the drawing has {many} with the name {named.name!r}")
+    if named.kind not in (None, found[0].kind):
+        raise Unclear(f"{named.name!r} is a {named.kind}, and in the drawing a {found[0].kind}")
+    return found[0]
+
+
+def _spaced(kind: str) -> str:
+    """CircularRunout as circular runout."""
+    return "".join(f" {c.lower()}" if c.isupper() else c for c in kind).strip()
 
 
 def _take(drawn: DrawnEntities, one: Entity, kind: str, made: _Made) -> None:
@@ -173,23 +297,31 @@ def _take(drawn: DrawnEntities, one: Entity, kind: str, made: _Made) -> None:
             title += f" {stated[0].strip()!r}"
         quantity = _quantity(drawn, one, kind)
         faces = _faces(drawn, stated[3], quantity)
-        body = _body(drawn, one, quantity, faces)
+        form = _form(drawn, one)
         given = drawn.datums_of(one, kind)
-        datums = _datums(drawn, quantity, given)
         value = drawn.length_mm(stated[2])
-        areas = tuple(_title(drawn, face) for face in faces)
-        zone = ToleranceZone(body, tuple(datums))  # type: ignore[arg-type]  # of BODIES
-        name = _name(stated[0], kind, one.number, areas, made)
-        found = PartTolerance(name, quantity, areas, None, value, zone=zone)  # type: ignore[arg-type]
-        for face, area in [*zip(faces, areas, strict=True), *_of(drawn, given)]:
-            made.areas[area] = Area(face=_address(face))
-        made.datums |= datums
-        made.tolerances.append(found)
+        word, number_of = _word(kind), str(one.number)
+        found = _Stated(stated[0], word, number_of, quantity, value, faces, form, given)
+        _add(drawn, found, made)
     except InputError as problem:
         made.left_out.append(Finding("tolerance", f"{title}: {problem}"))
     except IndexError:
         few = "an entity that it names has too few parameters"
         made.left_out.append(Finding("tolerance", f"{title}: {few}"))
+
+
+def _add(drawn: DrawnEntities, one: _Stated, made: _Made) -> None:
+    """Add a tolerance to what the recipe gets."""
+    body = _body(one.quantity, one.faces, one.form)
+    datums = _datums(drawn, one.quantity, one.given)
+    areas = tuple(_title(drawn, face) for face in one.faces)
+    zone = ToleranceZone(body, tuple(datums))  # type: ignore[arg-type]  # of BODIES
+    name = _name(one, areas, made)
+    found = PartTolerance(name, one.quantity, areas, None, one.value_mm, zone=zone)  # type: ignore[arg-type]
+    for face, area in [*zip(one.faces, areas, strict=True), *_of(drawn, one.given)]:
+        made.areas[area] = Area(face=_address(face))
+    made.datums |= datums
+    made.tolerances.append(found)
 
 
 def _word(kind: str) -> str:
@@ -222,13 +354,18 @@ def _faces(drawn: DrawnEntities, target: object, quantity: str) -> list[DrawnFac
     if others or not aspect.records:
         raise Unclear(f"it belongs to {others[0] if others else 'nothing'}, not to faces")
     faces = drawn.faces_of(aspect.number)
-    needed = 2 if quantity == "iso_symmetry" else 1
-    if len(faces) != needed:
-        raise Unclear(f"expected {needed} face{'s' * (needed > 1)}, got {len(faces)}")
+    _count(faces, quantity)
     return faces
 
 
-def _body(drawn: DrawnEntities, one: Entity, quantity: str, faces: list[DrawnFace]) -> str:
+def _count(faces: list[DrawnFace], quantity: str) -> None:
+    """Refuse a tolerance of more or fewer faces than its quantity has."""
+    needed = 2 if quantity == "iso_symmetry" else 1
+    if len(faces) != needed:
+        raise Unclear(f"expected {needed} face{'s' * (needed > 1)}, got {len(faces)}")
+
+
+def _body(quantity: str, faces: list[DrawnFace], form: str) -> str:
     """The nominal body of the faces, which the zone must suit."""
     if quantity == "iso_surface_profile":
         return "plane"  # unused: the body of a profile is the model's
@@ -239,7 +376,6 @@ def _body(drawn: DrawnEntities, one: Entity, quantity: str, faces: list[DrawnFac
         raise Unclear(f"expected a {expected}, got a {' and a '.join(sorted({body, *kinds}))}")
     if quantity == "iso_straightness" and body == "plane":
         raise Unclear("the direction of its lines is not read")
-    form = _form(drawn, one)
     if quantity in ON_AXIS and body == "cylinder":
         fits = form in ROUND_FORMS or (form == "" and quantity in ALWAYS_ROUND)
     elif quantity in ON_AXIS and body == "sphere":
@@ -305,12 +441,12 @@ def _address(face: DrawnFace) -> str:
     return face.name or str(face.number)
 
 
-def _name(stated: object, kind: str, number: int, areas: tuple[str, ...], made: _Made) -> str:
+def _name(one: _Stated, areas: tuple[str, ...], made: _Made) -> str:
     """The name of a tolerance: its own, or what it is of which face."""
-    own = stated.strip() if isinstance(stated, str) else ""
-    name = own if own and len(own) <= MOST_LETTERS else f"{_word(kind)} of {' and '.join(areas)}"
-    if any(one.name == name for one in made.tolerances) or len(name) > MOST_LETTERS:
-        name = f"{name[: MOST_LETTERS - 20]} (#{number})"
+    own = one.name.strip() if isinstance(one.name, str) else ""
+    name = own if own and len(own) <= MOST_LETTERS else f"{one.word} of {' and '.join(areas)}"
+    if any(other.name == name for other in made.tolerances) or len(name) > MOST_LETTERS:
+        name = f"{name[: MOST_LETTERS - 20]} (#{one.number})"
     return name
 
 
@@ -323,8 +459,4 @@ def _dimensions(drawn: DrawnEntities, made: _Made) -> None:
         words = [w for w in drawn.parameters(one) if isinstance(w, str) and w.strip()]
         title = f"{kind.lower().replace('_', ' ')} #{one.number}"
         title += f" {words[0]!r}" if words else ""
-        why = (
-            "dimensions are not read: a size between two points (ISO 14405-1) is not the size of "
-            "a fitted body"
-        )
-        made.left_out.append(Finding("dimension", f"{title}: {why}", severity="note"))
+        made.left_out.append(Finding("dimension", f"{title}: {NOT_READ}", severity="note"))

@@ -73,7 +73,7 @@ def _form(one: Judged) -> float:
 
 
 def _profile(one: Judged) -> float:
-    return profile(one.part, located=one.zone.located)
+    return profile(one.part)
 
 
 def _run_out(one: Judged) -> float:
@@ -155,7 +155,7 @@ def _feature(
     if name in ("iso_line_profile", "iso_surface_profile"):
         part = of_model(tolerance.areas[0])
         assert isinstance(part, AreaDeviation)
-        return skin_of_model(part, lines)
+        return skin_of_model(part, lines, free=not zone.located)
     areas = [of_area(area) for area in tolerance.areas]
     if name == "iso_symmetry":
         return median_skin(*areas)

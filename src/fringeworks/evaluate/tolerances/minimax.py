@@ -19,7 +19,7 @@ MOST_PIVOTS = 300
 """Largest number of pivots. Ten to thirty are usual; a row that ties with others may repeat."""
 
 
-def smallest_largest(values: FloatMap, slopes: FloatMap) -> FloatMap:
+def smallest_largest(values: FloatMap, slopes: FloatMap, *, within: float = np.inf) -> FloatMap:
     """Return the x that makes the largest of values + slopes · x smallest.
 
     Parameters
@@ -27,6 +27,8 @@ def smallest_largest(values: FloatMap, slopes: FloatMap) -> FloatMap:
     values : (m,) array
     slopes : (m, k) array
         Columns of about the same size, that determine x.
+    within : float > 0
+        Largest size of each of x.
 
     Returns
     -------
@@ -46,8 +48,9 @@ def smallest_largest(values: FloatMap, slopes: FloatMap) -> FloatMap:
     size = float(np.abs(values).max(initial=0.0)) or 1.0
     rows = np.column_stack((-slopes, np.ones(len(values))))
     k = rows.shape[1]
-    A = np.vstack((np.eye(k), rows))
-    b = np.concatenate((np.full(k, -BOUND), values / size))
+    bound = np.append(np.full(k - 1, min(within / size, BOUND)), BOUND)
+    A = np.vstack((np.eye(k), rows, -np.eye(k)))
+    b = np.concatenate((-bound, values / size, -bound))
     basis: NDArray[np.intp] = np.arange(k)
     for _ in range(MOST_PIVOTS):
         inverse = np.linalg.inv(A[basis])
@@ -64,10 +67,10 @@ def smallest_largest(values: FloatMap, slopes: FloatMap) -> FloatMap:
         # Of rows that tie, the largest pivot.
         tied = ratio <= ratio.min() + TINY
         basis[int(np.argmax(np.where(tied, change, -np.inf)))] = worst
-    return np.asarray(_by_library(values / size, slopes) * size)
+    return np.asarray(_by_library(values / size, slopes, bound) * size)
 
 
-def _by_library(values: FloatMap, slopes: FloatMap) -> FloatMap:
+def _by_library(values: FloatMap, slopes: FloatMap, bound: FloatMap) -> FloatMap:
     """The same by the library's solver, which is slower and never repeats a set of rows."""
     k = slopes.shape[1]
     found = None
@@ -76,7 +79,7 @@ def _by_library(values: FloatMap, slopes: FloatMap) -> FloatMap:
             np.append(np.zeros(k), 1.0),
             A_ub=np.column_stack((slopes, -np.ones(len(values)))),
             b_ub=-values,
-            bounds=[(-BOUND, BOUND)] * (k + 1),
+            bounds=np.column_stack((-bound, bound)),
             method="highs",
         ).x
     if found is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,11 +17,12 @@ from fringeworks.evaluate.quantities import PARALLEL_SINE, AreaDeviation
 from fringeworks.evaluate.shares import Share, Shares
 from fringeworks.evaluate.tolerances.association import associate
 from fringeworks.evaluate.tolerances.bodies import Body, Kind, everything, twists
+from fringeworks.evaluate.tolerances.outliers import outliers
+from fringeworks.evaluate.tolerances.settled import OnModel, Settled, measured_at, settled
 from fringeworks.evaluate.tolerances.smooth import Smooth, smooth
 from fringeworks.evaluate.tolerances.unsure import Changes, Unsure, drawn
 from fringeworks.rig.point_errors import root_of
-from fringeworks.statistics.quantiles import robust_sigma
-from fringeworks.surface.form import DISCARDED, FAR_SIGMAS, fit_form
+from fringeworks.surface.form import DISCARDED, fit_form
 from fringeworks.types import FloatMap, InputError
 
 BLOCKS = 128
@@ -33,6 +35,8 @@ BINS = 20
 no other can limit a zone."""
 EVEN_POINTS = 5_000
 """Points of a surface of which a share is left out: 15 of them are 0.3 %."""
+RESTING_POINTS = 1_000
+"""Points that tell where a surface rests on its model, before those that limit it are chosen."""
 MEDIAN_POINTS = 2_000
 """Points of a median surface: 45 along each side."""
 LINES = 21
@@ -51,6 +55,11 @@ FLAT = 1e-6
 DEGREE = 3
 """Degree of the polynomial through errors of the calibration, which are known in cells: a change
 over a third of the area."""
+
+
+AtRest = Callable[[NDArray[np.intp], FloatMap], FloatMap]
+"""Distances of some points (m,) from their model after the motion that suits them, from those at
+the measured place, (m,), mm."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +88,8 @@ class Skin:
     """Number of each point's line, (m,); all 0 without lines."""
     across: FloatMap | None = None
     """Normal of the planes that the lines lie in, (3,); None without lines."""
+    model: OnModel | None = None
+    """The model that the points may move on; None for bodies and for points that stay in place."""
 
     @property
     def lined(self) -> bool:
@@ -102,6 +113,25 @@ class Skin:
             u, size, _ = np.linalg.svd(slopes, full_matrices=False)
             found.append(u[:, size > FLAT * size[0]])
         return found
+
+    @property
+    def motions(self) -> FloatMap:
+        """Motions of the points that their tolerance leaves free: all, or those within the plane of
+        a line, (6, f)."""
+        if self.across is None:
+            return everything()
+        free = np.zeros((6, 3))
+        free[:3, 0] = self.across
+        free[3:, 1:] = np.linalg.svd(self.across[None])[2][1:].T
+        return free
+
+    @cached_property
+    def settled(self) -> list[Settled]:
+        """The points of each line after the motion that suits them best on the model."""
+        assert self.model is not None
+        points, free = self.points(), self.motions
+        starts = [measured_at(points[at], self.model) for at in self.lines]
+        return [settled(one, free, self.model) for one in starts]
 
     def points(self, change: FloatMap | float = 0.0) -> FloatMap:
         """Return the points of the surface, its distances changed, (m, 3), mm."""
@@ -249,17 +279,29 @@ def _pitch(points: FloatMap) -> float:
     return float(np.sqrt(12.0 * np.sqrt(spread[0] * spread[1]) / len(points)))
 
 
-def skin_of_model(part: AreaDeviation, lines: Lines | None = None) -> Skin:
-    """Return the surface of an area, measured from its model; see ``skin``."""
+def skin_of_model(part: AreaDeviation, lines: Lines | None = None, *, free: bool = False) -> Skin:
+    """Return the surface of an area, measured from its model; ``free`` if it may move on it."""
     middle = part.outwards.mean(axis=0)
     flat = Body("plane", part.middle, middle / np.linalg.norm(middle))
     chart = chart_of(flat, flat.direction, lines, exact=False)
-    found = _skin(part, chart, part.outwards, part.distance, lines)
+
+    def at_rest(some: NDArray[np.intp], distance: FloatMap) -> FloatMap:
+        away = distance - part.distance[some]
+        points = part.points[some] + away[:, None] * part.outwards[some]
+        start = measured_at(points[:: -(-len(points) // RESTING_POINTS)], part.on_model)
+        rest = settled(start, everything(), part.on_model)
+        moved = (points - start.points[0]) @ rest.turn.T + rest.points[0]
+        return part.on_model(moved)[0]
+
+    rest = at_rest if free and lines is None else None
+    found = _skin(part, chart, part.outwards, part.distance, lines, rest=rest)
     # What is left of the alignment's errors moves all points together.
     pixel = scipy.spatial.cKDTree(part.points).query(found.foot)[1]
     pose = part.by_pose[pixel] @ root_of(part.pose_covariance)
     sources = (*found.sources, *pose.shape[1] * (Share("alignment", 1.0),))
-    return replace(found, parts=np.column_stack((found.parts, pose)), sources=sources)
+    model = part.on_model if free else None
+    parts = np.column_stack((found.parts, pose))
+    return replace(found, parts=parts, sources=sources, model=model)
 
 
 def _skin(
@@ -271,6 +313,7 @@ def _skin(
     points: FloatMap | None = None,
     *,
     evenly: bool = False,
+    rest: AtRest | None = None,
 ) -> Skin:
     places = chart.places(part.points)
     inner = np.flatnonzero(part.inner)
@@ -290,15 +333,15 @@ def _skin(
         if lines is not None:
             at, number = _on_lines(chart, lines, places[kept], low, span)
         pixel = kept[scipy.spatial.cKDTree(unit[kept]).query(at)[1]]
+        if lines is not None and not chart.exact:
+            number, pixel = _at_pixels(number, pixel)
+            at = unit[pixel]
         unsure = Unsure(fitted.design(at), fitted.likely)
         value, weight = fitted.at(at), np.ones(len(at))
     elif fitted.resolved:
-        value = fitted.at(unit)
-        pixel, weight = _evenly(kept) if evenly else _limiting(unit, value, kept)
-        if chart.body.kind != "plane" and not evenly:
-            pixel, weight = _with_all(pixel, _evenly(kept))
-        at, value, number = unit[pixel], value[pixel], number[pixel]
-        unsure = Unsure(fitted.design(at), fitted.likely)
+        pixel, weight = _chosen(chart, unit, fitted.at(unit), kept, rest, evenly=evenly)
+        at, number = unit[pixel], number[pixel]
+        unsure, value = Unsure(fitted.design(at), fitted.likely), fitted.at(at)
     else:
         pixel = kept[:: -(-len(kept) // MOST_POINTS)]
         at, value, number, weight = unit[pixel], distance[pixel], number[pixel], np.ones(len(pixel))
@@ -307,11 +350,39 @@ def _skin(
     if lines is not None and chart.exact:
         foot = chart.feet(low + span * at)
         normal = chart.body.normals(foot)
-    across = None
-    if lines is not None:
-        across = chart.first if lines.run == "across" else np.cross(chart.middle, chart.first)
+    across = None if lines is None else _across(chart, lines)
     common = _parts(part, unit, normals, kept, at, pixel)
     return Skin(chart.body, foot, normal, value, (unsure,), *common, weight, number, across)
+
+
+def _at_pixels(number: FloatMap, pixel: NDArray[np.intp]) -> tuple[FloatMap, NDArray[np.intp]]:
+    """Each pixel of each line once: a model has feet at pixels alone."""
+    both = np.unique(np.stack((number, pixel)), axis=1)
+    return both[0], both[1].astype(np.intp)
+
+
+def _across(chart: Chart, lines: Lines) -> FloatMap:
+    """Normal of the planes that lines lie in, (3,)."""
+    return chart.first if lines.run == "across" else np.cross(chart.middle, chart.first)
+
+
+def _chosen(
+    chart: Chart,
+    unit: FloatMap,
+    value: FloatMap,
+    kept: NDArray[np.intp],
+    rest: AtRest | None,
+    *,
+    evenly: bool,
+) -> tuple[NDArray[np.intp], FloatMap]:
+    """Points that stand for a surface, and the number of pixels that each stands for in means."""
+    if evenly:
+        return _evenly(kept)
+    if rest is not None:
+        kept = kept[:: -(-len(kept) // MOST_POINTS)]
+        value[kept] = rest(kept, value[kept])
+    pixel, weight = _limiting(unit, value, kept)
+    return (pixel, weight) if chart.body.kind == "plane" else _with_all(pixel, _evenly(kept))
 
 
 def _noise_along(part: AreaPoints, normals: FloatMap) -> FloatMap:
@@ -344,13 +415,15 @@ def _fitted(
         means, left = _blocks(columns[kept], variance[kept])
         return smooth(means[:, :2], means[:, 2], left, stated=stated, moves=means[:, 3:])
 
+    def left_by(one: Smooth) -> FloatMap:
+        return np.asarray((distance[inner] - one.at(unit[inner])) / np.sqrt(variance[inner]))
+
     found = fit(inner)
-    away = np.abs(distance[inner] - found.at(unit[inner])) / np.sqrt(variance[inner])
-    wrong = away > FAR_SIGMAS * robust_sigma(away * np.resize((1.0, -1.0), len(away)))
+    wrong, together = outliers(unit[inner], left_by(found), lambda kept: left_by(fit(inner[kept])))
     if 0 < wrong.mean() <= DISCARDED:
         inner = inner[~wrong]
         found = fit(inner)
-    return found, inner
+    return (replace(found, resolved=False) if together else found), inner
 
 
 def _blocks(columns: FloatMap, variance: FloatMap) -> tuple[FloatMap, FloatMap]:

@@ -18,16 +18,12 @@ from fringeworks.evaluate.tolerances.bodies import (
     twists,
 )
 from fringeworks.evaluate.tolerances.datums import NEAR_DEG, System
+from fringeworks.evaluate.tolerances.settled import settled
 from fringeworks.evaluate.tolerances.skins import Skin
 from fringeworks.types import FloatMap, InputError
 from fringeworks.types.numbers import number
 from fringeworks.types.recipe import Association
 
-LEAST_EFFECT = 0.02
-"""Effect of a motion on the distances from a model, relative to the largest, from which on it
-counts. Normals of facets with 2° between neighbours are off by 0.01 rad, which makes as large an
-effect of motions that have none; a motion of less effect would move points by fifty deviations,
-farther than one linear step holds."""
 SAME_ANGLE = 1e-3
 """Difference of two stated angles up to which they are the same, rad: directions are written with
 three digits."""
@@ -121,27 +117,26 @@ def form(part: Feature, by: Association = "minimum-zone") -> float:
     return widest
 
 
-def profile(part: Feature, *, located: bool) -> float:
+def profile(part: Feature) -> float:
     """Profile of a line or a surface: 17.6 to 17.9. Twice the largest distance from the model.
 
     Without datums, the points, or those of each line, may move in the way that makes it smallest.
-    Motions that a smooth model would not notice, such as a turn of a pipe about its axis, are none:
-    facets would make them one.
     """
     skin = part.skin
-    distance = skin.distance + part.change
-    if located:
-        return 2.0 * float(np.abs(distance).max())
-    widths = []
-    for at in skin.lines:
-        free = everything()
-        if skin.across is not None:  # within the plane of the section
-            free = np.zeros((6, 3))
-            free[:3, 0] = skin.across
-            free[3:, 1:] = np.linalg.svd(skin.across[None])[2][1:].T
-        slopes = twists(skin.foot[at], skin.normal[at], part.pivot, part.scale) @ free
-        widths.append(2.0 * zone_of(distance[at], slopes, LEAST_EFFECT))
-    return max(widths)
+    if skin.model is None:
+        return 2.0 * float(np.abs(skin.distance + part.change).max())
+    starts = [
+        one.changed(part.change[at], skin.normal[at])
+        for at, one in zip(skin.lines, skin.settled, strict=True)
+    ]
+    # Motions only make a line's zone smaller.
+    bounds = np.array([one.size for one in starts])
+    largest = 0.0
+    for k in np.argsort(bounds)[::-1]:
+        if bounds[k] <= largest:
+            break
+        largest = max(largest, settled(starts[k], skin.motions, skin.model).size)
+    return 2.0 * largest
 
 
 def orientation(

@@ -1,5 +1,5 @@
 # demo · unit · test · thorough · long · faults · fuzz · fuzz-guided · kills · check · bench · docs · pages · gallery · screenshots · look · wheel · again ·
-# platforms · pins · audit · others: the only entry points. Each makes its own .venv and needs nothing but python3 (3.11 or later), cargo and make.
+# platforms · samples · pins · audit · others: the only entry points. Each makes its own .venv and needs nothing but python3 (3.11 or later), cargo and make.
 
 PYTHON ?= python3
 VENV := $(CURDIR)/.venv
@@ -14,7 +14,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 RUST := Cargo.toml Cargo.lock $(shell find crates -name '*.rs' -o -name Cargo.toml)
 WORK ?=
 
-.PHONY: demo unit test thorough long faults fuzz kills check bench docs gallery clean screenshots look wheel audit again platforms pins pages fuzz-guided others
+.PHONY: demo unit test thorough long faults fuzz kills check bench docs gallery clean screenshots look wheel audit again platforms pins pages fuzz-guided others samples
 
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
@@ -135,6 +135,10 @@ PYTHONS ?= $(PYTHON)
 platforms: $(RELEASE_VENV)/.ready
 	for target in $(TARGETS); do PATH=$(RELEASE_VENV)/bin:$$PATH $(RELEASE_VENV)/bin/python release/build.py --target $$target --out $(WHEELS) || exit 1; done
 	$(RELEASE_VENV)/bin/python release/platforms.py --wheels $(WHEELS) --pythons $(PYTHONS) $(if $(EMULATE),--emulate "$(EMULATE)")
+
+# The sample data of a release in samples/: an archive whose hash the package knows, or an error.
+samples: $(VENV)/.built
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m release.sample_data --out samples --check
 
 # requirements/hashed-*.txt from constraints.txt.
 pins: $(RELEASE_VENV)/.ready

@@ -188,6 +188,16 @@ def measure(
     }
 
 
+def with_earlier_runs(found: dict[str, Any], earlier: dict[str, Any] | None) -> dict[str, Any]:
+    """What was measured of a wheel, with the runs of the same bytes in other places."""
+    if earlier is None or earlier["sha256"] != found["sha256"]:
+        return found
+    now = {run["where"] for run in found["runs"]}
+    return found | {
+        "runs": [*(r for r in earlier["runs"] if r["where"] not in now), *found["runs"]]
+    }
+
+
 def page(kept: dict[str, Any]) -> str:
     """The page of what is known."""
     lines = ["| platform | wheel | looked at | ran |", "|---|---|---|---|"]
@@ -230,7 +240,8 @@ def main() -> int:
     pythons = [shlex.split(python) for python in given.pythons]
     kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {}
     for wheel in sorted(given.wheels.glob("*.whl")):
-        kept[wheel.name] = measure(wheel.resolve(), pythons, emulators)
+        found = measure(wheel.resolve(), pythons, emulators)
+        kept[wheel.name] = with_earlier_runs(found, kept.get(wheel.name))
     KEPT.write_text(json.dumps(kept, indent=1, sort_keys=True) + "\n", encoding="utf-8")
     PAGE.write_text(page(kept), encoding="utf-8")
     print(f"wrote {PAGE.relative_to(ROOT)}")

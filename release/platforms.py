@@ -37,6 +37,12 @@ PLATFORMS = {
     "Windows ARM": ("win", "arm64"),
 }
 """Platforms of a release: words of the names of their wheels."""
+NOT_RUN = {
+    "musllinux": "not run: no Python for musl at hand",
+    "macosx": "not run: no macOS at hand",
+    "win": "not run: no Windows at hand",
+}
+"""Why a wheel was not run here, by the system of its name; the release's workflow runs it."""
 LIMIT_S = 1800.0
 """Longest time for one program, s: an emulator is some thirty times slower."""
 NOTEBOOK = str(ROOT / "release" / "notebook.py")
@@ -64,6 +70,9 @@ start of the module, and call Python by its stable interface only. *Ran* means: 
 that very wheel into an empty environment, imported, and `fringeworks selftest --quick` passed;
 *notebook*: so did the cells of `docs/first_look.ipynb`, with Matplotlib installed beside it.
 Under an emulator, a small pair of frames is measured first.
+
+Wheels of other platforms than that of the machine that built them were linked by zig. Those of a
+release are built on machines of their own, the ones for Windows by the compiler of Microsoft.
 
 """
 
@@ -212,7 +221,8 @@ def page(kept: dict[str, Any]) -> str:
                 f"{r['where']}: {'passed' if r['ok'] else r['said']}" for r in one["runs"]
             )
             size = f"{one['size'] / 2**20:.1f} MB"
-            lines.append(f"| {title} | `{name}`, {size} | {looked} | {runs or 'not run'} |")
+            runs = runs or NOT_RUN.get(PLATFORMS[title][0], "not run")
+            lines.append(f"| {title} | `{name}`, {size} | {looked} | {runs} |")
     loads = [
         "",
         "What the kernels load:",
@@ -238,10 +248,12 @@ def main() -> int:
         for machine, _, command in (one.partition("=") for one in given.emulate)
     }
     pythons = [shlex.split(python) for python in given.pythons]
+    wheels = sorted(given.wheels.glob("*.whl"))
+    measured = {one.name: measure(one.resolve(), pythons, emulators) for one in wheels}
+    # Read at the end: runs under an emulator take long, and others may have been added.
     kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {}
-    for wheel in sorted(given.wheels.glob("*.whl")):
-        found = measure(wheel.resolve(), pythons, emulators)
-        kept[wheel.name] = with_earlier_runs(found, kept.get(wheel.name))
+    for name, found in measured.items():
+        kept[name] = with_earlier_runs(found, kept.get(name))
     KEPT.write_text(json.dumps(kept, indent=1, sort_keys=True) + "\n", encoding="utf-8")
     PAGE.write_text(page(kept), encoding="utf-8")
     print(f"wrote {PAGE.relative_to(ROOT)}")

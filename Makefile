@@ -1,5 +1,5 @@
-# demo · unit · test · thorough · long · faults · fuzz · fuzz-guided · kills · check · bench · docs · pages · gallery · screenshots · look · wheel · again ·
-# platforms · pins · audit · others: the only entry points. Each makes its own .venv and needs nothing but python3 (3.11 or later), cargo and make.
+# demo · unit · test · thorough · long · faults · fuzz · fuzz-guided · kills · check · bench · docs · pages · theory · figures · gallery · screenshots · look · wheel · again ·
+# platforms · samples · pins · audit · others: the only entry points. Each makes its own .venv and needs nothing but python3 (3.11 or later), cargo and make.
 
 PYTHON ?= python3
 VENV := $(CURDIR)/.venv
@@ -14,7 +14,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 RUST := Cargo.toml Cargo.lock $(shell find crates -name '*.rs' -o -name Cargo.toml)
 WORK ?=
 
-.PHONY: demo unit test thorough long faults fuzz kills check bench docs gallery clean screenshots look wheel audit again platforms pins pages fuzz-guided others
+.PHONY: demo unit test thorough long faults fuzz kills check bench docs gallery clean screenshots look wheel audit again platforms pins pages fuzz-guided others samples theory figures
 
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
@@ -97,6 +97,13 @@ bench: $(BENCH_VENV)/.built
 docs: $(VENV)/.built
 	$(BIN)/python -m mkdocs build --strict --quiet --site-dir site
 
+# docs/theory.pdf, which the site and the release take along; wants Chromium.
+theory: $(VENV)/.built
+	$(BIN)/python docs/make_theory_pdf.py
+
+# All figures of the documentation anew; wants Chromium.
+figures: gallery screenshots
+
 # The page and the pictures of the examples, and the pictures of docs/concepts.md.
 gallery: $(VENV)/.built
 	SOURCE_DATE_EPOCH=0 $(BIN)/python docs/make_gallery.py
@@ -136,12 +143,16 @@ platforms: $(RELEASE_VENV)/.ready
 	for target in $(TARGETS); do PATH=$(RELEASE_VENV)/bin:$$PATH $(RELEASE_VENV)/bin/python release/build.py --target $$target --out $(WHEELS) || exit 1; done
 	$(RELEASE_VENV)/bin/python release/platforms.py --wheels $(WHEELS) --pythons $(PYTHONS) $(if $(EMULATE),--emulate "$(EMULATE)")
 
+# The sample data of a release in samples/: an archive whose hash the package knows, or an error.
+samples: $(VENV)/.built
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m release.sample_data --out samples --check
+
 # requirements/hashed-*.txt from constraints.txt.
 pins: $(RELEASE_VENV)/.ready
 	PIP_CONSTRAINT= $(RELEASE_VENV)/bin/python release/pins.py
 
 # The documentation as one more version of a site that holds several, on the branch gh-pages: VERSION, and ALIAS as another name of it.
-pages: $(VENV)/.built
+pages: theory
 	$(BIN)/python $(PIP) mike
 	PATH=$(BIN):$$PATH $(BIN)/mike deploy --update-aliases $(if $(PUSH),--push) $(VERSION) $(ALIAS)
 	PATH=$(BIN):$$PATH $(BIN)/mike set-default --allow-undefined $(if $(PUSH),--push) $(or $(ALIAS),latest)

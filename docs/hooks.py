@@ -70,7 +70,8 @@ def with_equations(text: str) -> str:
 
     def equations(part: str) -> str:
         part = BLOCK.sub(lambda m: convert(m[1].strip(), display="block"), part)
-        return INLINE.sub(lambda m: convert(m[1]), part)
+        # A line that begins with <math> would be a block of HTML, which ends a list.
+        return INLINE.sub(lambda m: f"<span>{convert(m[1])}</span>", part)
 
     pieces, last = [], 0
     for code in CODE.finditer(text):
@@ -93,4 +94,11 @@ def last_tried(name: str) -> str:
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Draw the equations of a page; docstrings keep theirs as text. Say what it was tried with."""
-    return with_equations(markdown) + last_tried(page.file.src_uri)
+    return with_equations(markdown) + as_document(page.file.src_uri) + last_tried(page.file.src_uri)
+
+
+def as_document(name: str) -> str:
+    """A link to the page as a document to print, where ``docs/make_theory_pdf.py`` has made it."""
+    document = Path(name).with_suffix(".pdf")
+    made = name == "theory.md" and (ROOT / "docs" / document).exists()
+    return f"\n\n[This page as a document to print]({document})\n" if made else ""

@@ -1,7 +1,8 @@
 """``python docs/make_notebook.py``: run ``docs/first_look.ipynb`` and store what its cells show.
 
 The cells run in this process; texts and pictures become outputs as Jupyter stores them. The cell
-that installs the package in Colab is left alone.
+that installs the package in Colab is left alone. The sample data are those of ``make samples``, or
+of the folder that FRINGEWORKS_SAMPLES names.
 """
 
 from __future__ import annotations
@@ -27,18 +28,17 @@ DPI = 60
 CELLS = (
     (
         "markdown",
-        "# fringeworks, a first look\n\nSix cells: install, project and photograph (simulated), "
+        "# fringeworks, a first look\n\nSix cells: install, read the sample data of the release, "
         "measure, see σ, compare with the truth, write files. The first cell installs the package "
         "in Colab.",
     ),
-    ("code", "%pip install -q 'fringeworks[plots]'"),
+    ("code", "%pip install -q 'fringeworks[data,plots]'"),
     (
         "code",
-        "import numpy as np\n\nimport fringeworks as fw\nfrom fringeworks.simulate import bust, "
-        "fringe_plan, look, photograph, standard_rig\n\n"
-        "rig = standard_rig(scale=0.3)\nplan = fringe_plan(rig, both=False)\n"
-        "view = look(rig, bust())\nstack = fw.Stack(list(photograph(view, plan)), plan)\n"
-        'print(plan.frames, "frames of", stack.frames[0].shape, "pixels")',
+        "import numpy as np\n\nimport fringeworks as fw\n\n"
+        'folder = fw.files.sample_data("stack")  # fetched once, 18 MB\n'
+        'rig = fw.files.read_rig(folder / "rig.toml")\nstack = fw.read(folder / "bust")\n'
+        'print(stack.plan.frames, "frames of", stack.frames[0].shape, "pixels")',
     ),
     ("code", "found = fw.measure(stack, rig)\nprint(found.points)\nfound.points.plot()"),
     (
@@ -50,7 +50,8 @@ CELLS = (
     ),
     (
         "code",
-        "error = found.points.xyz_mm[..., 2] - view.points_mm[..., 2]\nknown = np.isfinite(error)\n"
+        'truth_mm = np.load(folder / "bust" / "truth.npz")["depth_mm"]\n'
+        "error = found.points.xyz_mm[..., 2] - truth_mm\nknown = np.isfinite(error)\n"
         'print(\n    f"rms error {np.sqrt(np.mean(error[known] ** 2)):.3f} mm,",\n'
         '    f"{np.mean(np.abs(error[known]) <= sigma[known]):.0%} within 1 σ",\n)',
     ),
@@ -110,6 +111,7 @@ if __name__ == "__main__":
     import os
     import tempfile
 
+    os.environ.setdefault("FRINGEWORKS_SAMPLES", str(NOTEBOOK.parent.parent / "samples"))
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         made = make()

@@ -22,7 +22,7 @@ SYSTEM = {
     "ELF": r"(ld-linux|ld-musl|libc|libm|libdl|libpthread|librt|libgcc_s)[-.\w]*",
     "PE": r"python3\.dll|(kernel32|ntdll|ws2_32|advapi32|userenv|bcrypt|bcryptprimitives|msvcrt"
     r"|api-ms-win-[-\w]+|vcruntime\d+|ucrtbase)\.dll",
-    "MACHO": r"/usr/lib/(libSystem\.B|libiconv\.2)\.dylib",
+    "MACHO": r"/usr/lib/lib(System\.B|iconv\.2|charset\.1)\.dylib",
 }
 """Libraries that every system of a kind has, or Python itself brings."""
 MACHINES = {
@@ -54,7 +54,9 @@ def parts(path: Path) -> list[lief.Binary]:
     """The binaries in a file; those of macOS may hold two."""
     if lief.is_macho(str(path)):
         found = lief.MachO.parse(str(path))
-        return [] if found is None else list(found)
+        # The binaries of a file end with it: each is taken out by its machine.
+        machines = [] if found is None else [one.header.cpu_type for one in found]
+        return [found.take(machine) for machine in machines]
     one = lief.parse(str(path))
     return [] if one is None else [one]
 

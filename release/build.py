@@ -22,6 +22,16 @@ EPOCH = "315532800"
 """Time of the files in a wheel where git knows none: 1980-01-01, the first that a zip holds."""
 COPIED = ("Cargo.toml", "Cargo.lock", "pyproject.toml", "README.md", "LICENSE", "crates", "src")
 """What a wheel is built from."""
+NAMED = """#!/bin/sh
+# maturin 1.16 lists the start of the module as PyInit_PACKAGE._core, which no symbol is called.
+for word in "$@"; do
+  case "$word" in
+    link-arg=*.def) sed -i 's/PyInit_[a-z]*\\._core/PyInit__core/' "${word#link-arg=}" ;;
+  esac
+done
+exec "$@"
+"""
+"""Wrapper of rustc for targets of Windows that are linked as by GNU."""
 LEFT_OUT = shutil.ignore_patterns("__pycache__", "*.pyc", "_core*.so", "_core*.pyd", "target")
 
 
@@ -59,12 +69,19 @@ def build(source: Path, out: Path, *words: str, compiled: Path | None = None) ->
     """Build a wheel; its path."""
     subprocess.run(["cargo", "fetch", "--locked", "--quiet"], cwd=source, check=True)
     before = set(out.glob("*.whl"))
-    subprocess.run(
-        ["maturin", "build", "--release", "--locked", "--quiet", "--out", str(out), *words],
-        cwd=source,
-        env=environment(source, compiled),
-        check=True,
-    )
+    with tempfile.TemporaryDirectory() as folder:
+        env = environment(source, compiled)
+        if any("-windows-gnu" in word for word in words):
+            wrapper = Path(folder) / "rustc_named"
+            wrapper.write_text(NAMED, encoding="utf-8")
+            wrapper.chmod(0o755)
+            env["RUSTC_WRAPPER"] = str(wrapper)
+        subprocess.run(
+            ["maturin", "build", "--release", "--locked", "--quiet", "--out", str(out), *words],
+            cwd=source,
+            env=env,
+            check=True,
+        )
     new = sorted(set(out.glob("*.whl")) - before) or sorted(out.glob("*.whl"), key=os.path.getmtime)
     return new[-1]
 

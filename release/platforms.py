@@ -37,8 +37,16 @@ PLATFORMS = {
     "Windows ARM": ("win", "arm64"),
 }
 """Platforms of a release: words of the names of their wheels."""
+NOT_RUN = {
+    "musllinux": "not run: no Python for musl at hand",
+    "macosx": "not run: no macOS at hand",
+    "win": "not run: no Windows at hand",
+}
+"""Why a wheel was not run here, by the system of its name; the release's workflow runs it."""
 LIMIT_S = 1800.0
 """Longest time for one program, s: an emulator is some thirty times slower."""
+NOTEBOOK = str(ROOT / "release" / "notebook.py")
+"""Program that runs the notebook of the documentation."""
 SELFTEST = ("-m", "fringeworks", "selftest", "--quick")
 SMALL = (
     "-c",
@@ -59,8 +67,12 @@ wheels on machines of all these platforms.
 One wheel serves every Python from 3.11 (abi3). *Looked at* means: the kernels are made for the
 machine of the wheel's name, load no library but those that every such system has, export the
 start of the module, and call Python by its stable interface only. *Ran* means: installed from
-that very wheel into an empty environment, imported, and `fringeworks selftest --quick` passed.
+that very wheel into an empty environment, imported, and `fringeworks selftest --quick` passed;
+*notebook*: so did the cells of `docs/first_look.ipynb`, with Matplotlib installed beside it.
 Under an emulator, a small pair of frames is measured first.
+
+Wheels of other platforms than that of the machine that built them were linked by zig. Those of a
+release are built on machines of their own, the ones for Windows by the compiler of Microsoft.
 
 """
 
@@ -97,23 +109,32 @@ def alone() -> dict[str, str]:
     return {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
 
 
-def run_here(wheel: Path, python: str) -> Run:
-    """Install a wheel into an empty environment of a Python of this machine, and test it."""
-    _, version = call([python, "-c", "import platform; print(platform.python_version())"])
+def run_here(wheel: Path, python: list[str]) -> list[Run]:
+    """Install a wheel into an empty environment of a Python of this machine, and test it: by the
+    self-test, and with Matplotlib by the notebook of the documentation."""
+    *before, name = python
+    _, version = call([*python, "-c", "import platform; print(platform.python_version())"])
     where = f"Python {version}, {platform.system()} {platform.machine()}"
+    constrained = alone() | {"PIP_CONSTRAINT": str(ROOT / "constraints.txt")}
+    runs = []
     with tempfile.TemporaryDirectory() as folder:
-        inner = str(Path(folder) / "bin" / "python")
-        steps = [
-            [python, "-m", "venv", folder],
-            [inner, "-m", "pip", "install", "--quiet", "--only-binary", ":all:", str(wheel)],
-            [inner, "-I", *SELFTEST],
-        ]
-        constrained = alone() | {"PIP_CONSTRAINT": str(ROOT / "constraints.txt")}
-        for step in steps:
-            ok, said = call(step, constrained)
-            if not ok:
-                return Run(where, False, said)
-        return Run(where, True, said)
+        inner = [*before, str(Path(folder) / "bin" / "python")]
+        pip = [*inner, "-m", "pip", "install", "--quiet", "--only-binary", ":all:"]
+        plans = {
+            where: [
+                [*before, name, "-m", "venv", folder],
+                [*pip, str(wheel)],
+                [*inner, "-I", *SELFTEST],
+            ],
+            f"{where}, notebook": [[*pip, f"{wheel}[plots]"], [*inner, "-I", NOTEBOOK]],
+        }
+        for title, steps in plans.items():
+            ok, said = True, ""
+            for step in steps:
+                if ok:
+                    ok, said = call(step, constrained)
+            runs.append(Run(title, ok, said))
+    return runs
 
 
 def run_emulated(wheel: Path, machine: str, emulator: list[str]) -> list[Run]:
@@ -152,12 +173,15 @@ def runs_here(wheel: Path) -> bool:
     return last.startswith(system) and last.endswith(platform.machine().lower())
 
 
-def measure(wheel: Path, pythons: list[str], emulators: dict[str, list[str]]) -> dict[str, Any]:
+def measure(
+    wheel: Path, pythons: list[list[str]], emulators: dict[str, list[str]]
+) -> dict[str, Any]:
     """Look at a wheel and run it where this machine can."""
     from binaries import look  # the page can be written without its package
 
     found = look(wheel)
-    runs = [run_here(wheel, python) for python in pythons] if runs_here(wheel) else []
+    here = pythons if runs_here(wheel) else []
+    runs = [run for python in here for run in run_here(wheel, python)]
     for machine, emulator in emulators.items():
         if wheel.stem.endswith(f"_{machine}") and "manylinux" in wheel.stem:
             runs += run_emulated(wheel, machine, emulator)
@@ -170,6 +194,16 @@ def measure(wheel: Path, pythons: list[str], emulators: dict[str, list[str]]) ->
         "glibc": found.glibc,
         "faults": list(found.faults),
         "runs": [vars(run) for run in runs],
+    }
+
+
+def with_earlier_runs(found: dict[str, Any], earlier: dict[str, Any] | None) -> dict[str, Any]:
+    """What was measured of a wheel, with the runs of the same bytes in other places."""
+    if earlier is None or earlier["sha256"] != found["sha256"]:
+        return found
+    now = {run["where"] for run in found["runs"]}
+    return found | {
+        "runs": [*(r for r in earlier["runs"] if r["where"] not in now), *found["runs"]]
     }
 
 
@@ -187,7 +221,8 @@ def page(kept: dict[str, Any]) -> str:
                 f"{r['where']}: {'passed' if r['ok'] else r['said']}" for r in one["runs"]
             )
             size = f"{one['size'] / 2**20:.1f} MB"
-            lines.append(f"| {title} | `{name}`, {size} | {looked} | {runs or 'not run'} |")
+            runs = runs or NOT_RUN.get(PLATFORMS[title][0], "not run")
+            lines.append(f"| {title} | `{name}`, {size} | {looked} | {runs} |")
     loads = [
         "",
         "What the kernels load:",
@@ -203,16 +238,22 @@ def page(kept: dict[str, Any]) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--wheels", type=Path, default=ROOT / "dist")
-    parser.add_argument("--pythons", nargs="+", default=[sys.executable])
+    parser.add_argument(
+        "--pythons", nargs="+", default=[sys.executable], help="'chroot FOLDER PYTHON' serves too"
+    )
     parser.add_argument("--emulate", action="append", default=[], help="MACHINE=COMMAND")
     given = parser.parse_args()
     emulators = {
         machine: shlex.split(command)
         for machine, _, command in (one.partition("=") for one in given.emulate)
     }
+    pythons = [shlex.split(python) for python in given.pythons]
+    wheels = sorted(given.wheels.glob("*.whl"))
+    measured = {one.name: measure(one.resolve(), pythons, emulators) for one in wheels}
+    # Read at the end: runs under an emulator take long, and others may have been added.
     kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {}
-    for wheel in sorted(given.wheels.glob("*.whl")):
-        kept[wheel.name] = measure(wheel.resolve(), given.pythons, emulators)
+    for name, found in measured.items():
+        kept[name] = with_earlier_runs(found, kept.get(name))
     KEPT.write_text(json.dumps(kept, indent=1, sort_keys=True) + "\n", encoding="utf-8")
     PAGE.write_text(page(kept), encoding="utf-8")
     print(f"wrote {PAGE.relative_to(ROOT)}")

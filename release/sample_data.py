@@ -7,6 +7,7 @@ Colour filters, JPEG, highlights, light in the material, the grid of projector p
 are not in it.
 
 The archive's hash goes into ``fringeworks/files/sample_sets.py``; ``--write-hash`` puts it there.
+``--check`` refuses an archive with another hash, as the release does before it publishes one.
 Equal machines make equal archives. Others may differ in the last count of a few pixels, so the
 archive that a release has is the one whose hash it knows.
 """
@@ -16,6 +17,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import re
+import sys
 import tempfile
 import zipfile
 from collections.abc import Callable
@@ -183,11 +185,13 @@ def pack(folder: Path, archive: Path) -> str:
     return digest
 
 
-def main() -> None:
-    """Make the archive, and store its hash where asked for."""
+def main() -> int:
+    """Make the archive, and store or check its hash where asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder of the archive")
-    parser.add_argument("--write-hash", action="store_true", help="store the hash in the package")
+    hashes = parser.add_mutually_exclusive_group()
+    hashes.add_argument("--write-hash", action="store_true", help="store the hash in the package")
+    hashes.add_argument("--check", action="store_true", help="refuse an archive of another hash")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
@@ -197,7 +201,15 @@ def main() -> None:
         source = Path(place.__file__)
         text = source.read_text(encoding="utf-8")
         source.write_text(re.sub(r'(?m)^SHA256 = ".*"$', f'SHA256 = "{digest}"', text))
+    if given.check and digest != place.SHA256:
+        print(
+            f"{place.ARCHIVE}: expected the hash {place.SHA256}, got {digest}; publish the archive "
+            "that the package knows, or store the hash of this one with --write-hash"
+        )
+        return 1
+    print(f"{given.out / place.ARCHIVE}: {digest}")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

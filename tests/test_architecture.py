@@ -42,7 +42,7 @@ ROOMS = [
     ["evaluate", "scan"],
     ["report"],
     ["showcase", "serving", "batch"],
-    ["studio", "service", "napari"],
+    ["studio", "service", "napari", "xarray"],
     ["cli"],
 ]
 PLACE = {room: line for line, rooms in enumerate(ROOMS) for room in rooms}

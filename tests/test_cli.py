@@ -562,9 +562,10 @@ def test_start_is_quick():
 
 def test_long_work_off_a_terminal_says_so_now_and_then(monkeypatch, capsys):
     from fringeworks.cli import output
+    from fringeworks.report import progress_bar
 
     now = iter([0.0, 1.0, 21.0, 22.0, 45.0])
-    monkeypatch.setattr(output.time, "monotonic", lambda: next(now))
+    monkeypatch.setattr(progress_bar.time, "monotonic", lambda: next(now))
     with output.progress(4) as progress:
         for step in ("one", "two", "three", "four"):
             progress(step)

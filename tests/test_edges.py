@@ -222,7 +222,7 @@ def test_even_light_shows_no_blur():
     sigma = np.full(x.shape, 0.05, np.float32)
     light = Light.of({k: 60.0 + 0.5 * rng.standard_normal(x.shape).astype("f4") for k in KINDS})
     before = column.copy()
-    fringes = {"period_px": 16.0, "repeats_px": np.inf}
+    fringes = {"period_px": 16.0, "repeats_px": np.inf, "light_noise": 2.0 * np.pi / 16.0}
     assert remove_blur_shift(column, sigma, light, **fringes) == 0.0
     assert line_shift(column, sigma, light, **fringes) is None
     np.testing.assert_array_equal(column, before)

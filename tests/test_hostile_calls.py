@@ -22,6 +22,7 @@ SECONDS = 20.0
 ELSEWHERE = {
     "test_hostile_files": ("read_", "read", "find_scans", "file_limits", "FrameSequence"),
     "test_sample_data": ("sample_data",),
+    "test_progress": ("progress",),
     "test_kills and test_read_write": ("write_", "write", "save_figure"),
     "devices, in their own tests": (
         "open_", "list_devices", "ListedDevice", "virtual_bench", "virtual_rig", "WindowProjector", "MemoryProjector",

@@ -6,6 +6,8 @@ import importlib.util
 import json
 from pathlib import Path
 
+from fringeworks.files import sample_sets
+
 ROOT = Path(__file__).parent.parent
 
 
@@ -26,6 +28,13 @@ def said(notebook):
 
 
 def test_the_notebook_runs_and_shows_what_it_stores(tmp_path, monkeypatch):
+    """The set of the sample data that it reads is made anew."""
+    from release import sample_data as builder
+
+    samples = tmp_path / sample_sets.FOLDER / "stack"
+    samples.mkdir(parents=True)
+    builder.make_stack(samples, builder.SCALE)
+    monkeypatch.setenv(sample_sets.VARIABLE, str(tmp_path))
     monkeypatch.chdir(tmp_path)
     stored = json.loads((ROOT / "docs/first_look.ipynb").read_text(encoding="utf-8"))
     made = maker().make()
@@ -39,3 +48,22 @@ def test_the_notebook_runs_and_shows_what_it_stores(tmp_path, monkeypatch):
     pictures = [o for c in stored["cells"] for o in c.get("outputs", []) if "data" in o]
     assert len(pictures) == 1
     assert (tmp_path / "bust.vtp").stat().st_size > 10_000
+
+
+def test_the_notebook_runs_without_jupyter(tmp_path, monkeypatch):
+    """As the report on platforms does."""
+    place = importlib.util.spec_from_file_location("notebook", ROOT / "release/notebook.py")
+    module = importlib.util.module_from_spec(place)
+    place.loader.exec_module(module)
+    cells = [
+        {"cell_type": "markdown", "source": ["# One"]},
+        {"cell_type": "code", "source": ["%pip install x"]},
+        {"cell_type": "code", "source": ["a = 2\n", "open('b.txt', 'w').close()"]},
+        {"cell_type": "code", "source": ["print(a)"]},
+    ]
+    path = tmp_path / "n.ipynb"
+    path.write_text(json.dumps({"cells": cells}), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert module.run(path) == "2\n"
+    assert not (tmp_path / "b.txt").exists()
+    assert len(module.cells(ROOT / "docs/first_look.ipynb")) == 5

@@ -9,6 +9,10 @@ from scipy.ndimage import gaussian_filter
 from fringeworks import PatternPlan
 from fringeworks.evaluate.scored_scenes import benchmark_scene
 from fringeworks.patterns import PhaseSteps, equal_steps
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.stack.decode import decode
 from fringeworks.stack.region_orders import _best, _Region
 from fringeworks.types import InputError
@@ -117,3 +121,16 @@ def test_walls_that_light_each_other_are_measured():
     z = np.abs(error / found.sigma_px[scene.measurable])[measured]
     assert 0.6 < np.mean(z < 1.0) < 0.8
     assert np.mean(z > 5.0) < 1e-4
+
+
+@pytest.mark.parametrize("seed", [71, 72])
+def test_surfaces_that_fringes_join_do_not_keep_neighbours_from_voting(seed):
+    """A bust before a wall in dim light: the finest fringes go on over whole steps between them."""
+    rig = standard_rig(scale=0.5)
+    view, plan = look(rig, bust()), fringe_plan(rig, both=False)
+    optics = Optics(noise=2.0, exposure=0.17, ambient=1.0, gain=0.05, seed=seed)
+    found = decode(list(photograph(view, plan, optics)), plan).x
+    known = np.isfinite(found.coordinate_px) & view.lit
+    error = found.coordinate_px[known] - view.projector_px[..., 0][known]
+    assert known.sum() > 0.2 * view.lit.sum()
+    assert np.count_nonzero(np.abs(error) > 0.5 * min(found.periods_px)) < 1e-4 * known.sum()

@@ -265,6 +265,22 @@ def test_a_platform_without_a_wheel_and_a_failed_run_are_said():
     assert page.count("not built yet") == len(platforms.PLATFORMS) - 1
 
 
+def test_runs_of_the_same_bytes_in_other_places_are_kept():
+    platforms = script("platforms")
+    here, there = ({"where": w, "ok": True, "said": "passed"} for w in ("here", "there"))
+    again = {"where": "here", "ok": False, "said": "no answer in 1800 s"}
+    earlier = {"sha256": "a", "runs": [here, there]}
+    assert platforms.with_earlier_runs({"sha256": "a", "runs": [again]}, earlier)["runs"] == [
+        there,
+        again,
+    ]
+    assert platforms.with_earlier_runs({"sha256": "b", "runs": []}, earlier)["runs"] == []
+    assert platforms.with_earlier_runs({"sha256": "b", "runs": [here]}, None)["runs"] == [here]
+    one = {"size": 2**20, "faults": [], "loads": [], "glibc": "", "runs": []}
+    page = platforms.page({"fringeworks-0.7.0-cp311-abi3-win_amd64.whl": one})
+    assert "| no fault | not run: no Windows at hand |" in page
+
+
 def test_the_bill_in_the_wheel_is_that_of_the_lock_file():
     bills = script("bill_of_materials")
     bill = json.loads(bills.KERNELS.read_text(encoding="utf-8"))

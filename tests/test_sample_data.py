@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import sys
 import types
+from pathlib import Path
 
 import pytest
 
 import fringeworks as fw
 from fringeworks.files import sample_sets
+
+ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture
@@ -95,3 +99,19 @@ def test_other_faults(archive, tmp_path, monkeypatch):
 def test_the_package_knows_the_archive_of_its_release():
     assert len(sample_sets.SHA256) == 64
     assert f"/v{fw.__version__}/" in sample_sets.ADDRESS
+
+
+def test_a_release_has_the_archive_that_the_package_knows(tmp_path, monkeypatch, capsys):
+    """The rest of the builder is that of the fixture."""
+    from release import sample_data as builder
+
+    monkeypatch.setattr(builder, "build", lambda folder: (folder / "a.txt").write_text("a"))
+    monkeypatch.setattr("sys.argv", ["sample_data", "--out", str(tmp_path), "--check"])
+    assert builder.main() == 1
+    assert "publish the archive that the package knows" in capsys.readouterr().out
+    digest = hashlib.sha256((tmp_path / sample_sets.ARCHIVE).read_bytes()).hexdigest()
+    monkeypatch.setattr(sample_sets, "SHA256", digest)
+    assert builder.main() == 0
+    workflow = (ROOT / ".github" / "workflows" / "release.yml").read_text()
+    assert "make samples" in workflow
+    assert "find dist bill samples SHA256SUMS" in workflow

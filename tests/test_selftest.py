@@ -164,6 +164,22 @@ def test_a_negative_seed_is_refused():
         fw.selftest(seed=-1)
 
 
+@pytest.mark.parametrize("seed", [0, 31])
+def test_the_quick_self_test_keeps_its_promises(seed):
+    """What everybody runs after an installation."""
+    found = fw.selftest(quick=True, seed=seed)
+    assert not broken(found), [one.sentence for one in found.broken]
+    assert sum(one.kept is True for one in found.judged) == 14
+
+
+def test_weak_fringes_without_edges_hold_no_doubt_about_blur():
+    """Slopes of a modulation that are noise are no edges at which blur could shift coordinates."""
+    for seed in (61, 62):
+        found = cases.stack_case("plane", "defocus", seed=seed)
+        assert found.sigma == pytest.approx(found.bound, rel=0.02)
+        assert found.within_1_sigma == pytest.approx(0.683, abs=0.01)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.timeout(900)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -30,9 +29,6 @@ TARGETS: dict[str, tuple[str, ...]] = {
 their own."""
 MOST_FINDINGS = 5
 """Findings that a command prints unless asked for all: the first causes are read, a page is not."""
-LINE_EVERY_S = 20.0
-"""Seconds between two lines of progress where stderr is no terminal: often enough to see life, rare
-enough for a log."""
 
 
 @dataclass
@@ -382,58 +378,26 @@ def draw(figure: Any, path: Path, provenance: fw.Provenance | None) -> None:
 
 
 @contextmanager
-def progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
+def progress(total: int | None = None) -> Iterator[Callable[[object], None]]:
     """Show how work gets on, with the time left where the number of steps is known.
 
     A moving line on a terminal, else a line now and then; both on stderr.
     """
+    from fringeworks.report.progress_bar import lines, terminal
+
     if _settings.quiet or not sys.stderr.isatty():
-        yield _lines(total)
+        yield lines(total, _line_of_progress)
         return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        ProgressColumn,
-        SpinnerColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    columns: list[ProgressColumn] = [SpinnerColumn(), TextColumn("{task.description}")]
-    if total:
-        columns += [BarColumn(), TextColumn("{task.completed}/{task.total}")]
-        columns += [TimeRemainingColumn(), TextColumn("left")]
-    else:
-        columns.append(TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=total)
-        yield lambda text: bar.update(task, description=text, advance=1)
+    with terminal(total) as show:
+        yield show
 
 
-def _lines(total: int | None) -> Callable[[str], None]:
+def _line_of_progress(line: str) -> None:
     """Progress for logs and pipes."""
-    started = last = time.monotonic()
-    count = 0
-
-    def show(text: str) -> None:
-        nonlocal last, count
-        count += 1
-        now = time.monotonic()
-        if now - last < LINE_EVERY_S:
-            return
-        last = now
-        of = f"{count}/{total} " if total else ""
-        passed = now - started
-        left = f", {passed / count * (total - count):.0f} s left" if total else ""
-        line = f"{of}{text} ({passed:.0f} s{left})"
-        _write_log(line)
-        if not _settings.quiet:
-            sys.stderr.write(f"{line}\n")
-            sys.stderr.flush()
-
-    return show
+    _write_log(line)
+    if not _settings.quiet:
+        sys.stderr.write(f"{line}\n")
+        sys.stderr.flush()
 
 
 def _write_log(text: str) -> None:

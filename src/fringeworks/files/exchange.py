@@ -10,6 +10,7 @@ import numpy as np
 
 from fringeworks.files.csv_table import REASONS
 from fringeworks.files.findings import findings_as_json
+from fringeworks.files.placement import PLACEMENT, placement_json
 from fringeworks.files.point_table import COLOURS
 from fringeworks.files.provenance import KEY, json_line
 from fringeworks.files.white import white_of
@@ -121,6 +122,9 @@ def _cloud(
         "reason": _reason(cloud.reason, "point"),
     }
     coordinates: dict[str, Variable] = {"axis": (("axis",), list("xyz"), {})}
+    attributes: dict[str, Any] = {}
+    if cloud.placement is not None:
+        attributes[PLACEMENT] = placement_json(cloud.placement)
     if cloud.residual_px is not None:
         words = "distance from the epipolar line"
         variables["residual_px"] = _map(cloud.residual_px, "px", words)
@@ -134,7 +138,7 @@ def _cloud(
         variables["colour"] = (axes, cloud.colour, about)
         if coloured:
             coordinates["channel"] = (("channel",), list(COLOURS), {})
-    return variables, coordinates, {}
+    return variables, coordinates, attributes
 
 
 def _coordinates(

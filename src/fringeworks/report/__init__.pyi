@@ -33,3 +33,6 @@ from .viewer.pack import (
     PackedSurface as PackedSurface,
     pack_surface as pack_surface,
 )
+from .progress_bar import (
+    progress as progress,
+)

@@ -124,6 +124,9 @@ class Fringes(TypedDict):
     """Shortest period of the fringes, projector px."""
     repeats_px: float
     """Distance after which coordinates repeat, projector px; infinite for absolute ones."""
+    light_noise: float
+    """Noise of the modulation's logarithm, which is that of the set with the shortest period, over
+    the noise of the coordinate, rad per projector px."""
 
 
 def fringes_of(decoding: Decoding) -> Fringes:
@@ -131,7 +134,17 @@ def fringes_of(decoding: Decoding) -> Fringes:
     period_px = decoding.finest_px
     if decoding.gray is not None and not decoding.sets:
         period_px = CELLS_PER_PERIOD * decoding.gray.step_px
-    return {"period_px": period_px, "repeats_px": decoding.repeats_px}
+    # A coordinate is the mean of all sets by their inverse variances: a set counts by its frames
+    # and by the square of its phase per px.
+    finest = min(decoding.sets, key=lambda s: s.period_px, default=None)
+    counted = [len(s.frames) / s.period_px**2 for s in decoding.sets]
+    alone = 1.0 if finest is None else len(finest.frames) / finest.period_px**2
+    share = sum(counted) / alone if counted else 1.0
+    return {
+        "period_px": period_px,
+        "repeats_px": decoding.repeats_px,
+        "light_noise": TURN / period_px * share**0.5,
+    }
 
 
 class Light(NamedTuple):
@@ -241,10 +254,15 @@ def line_sigma(
     sigma: FloatMap,
     light: Light,
     most_px2: float,
+    *,
+    clear: bool = False,
     **fringes: Unpack[Fringes],
 ) -> FloatMap:
-    """The same for single lines, (r, l): σ with the shift along them."""
+    """The same for single lines, (r, l): σ with the shift along them; with ``clear`` only at shades
+    that change by more than noise."""
     shift, _ = _shift_along(fringes)(coordinate, sigma, light)
+    if clear:
+        shift[~(np.abs(_central(light.modulation, 1)) >= _faint(sigma, fringes))] = 0.0
     return np.asarray(np.hypot(sigma, np.float32(most_px2 / 3.0**0.5) * shift))
 
 
@@ -276,7 +294,7 @@ def _faint(sigma: FloatMap, fringes: Fringes) -> float:
     ln B is that of the phase, of its slope over 2 px a root of two less."""
     known = sigma[np.isfinite(sigma)]
     usual = median(known) if known.size else 0.0
-    return float(FAINT * TURN / fringes["period_px"] * usual / 2.0**0.5)
+    return float(FAINT * fringes["light_noise"] * usual / 2.0**0.5)
 
 
 def _shift_along(fringes: Fringes) -> ShiftOf:

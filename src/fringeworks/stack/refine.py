@@ -305,7 +305,7 @@ def _most_blur(
     if np.isfinite(by_edges):
         return min(by_edges, by_contrast)
     most_px2 = by_contrast if np.isfinite(by_contrast) else USUAL_BLUR_PX2
-    shifted = line_sigma(coordinate, sigma, light, most_px2, **fringes)
+    shifted = line_sigma(coordinate, sigma, light, most_px2, clear=True, **fringes)
     with np.errstate(invalid="ignore"):
         raised = np.count_nonzero(shifted**2 > NOTABLE_RATIO * sigma**2)
     return most_px2 if raised > EDGE_SHARE * np.count_nonzero(np.isfinite(sigma)) else 0.0

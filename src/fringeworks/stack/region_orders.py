@@ -114,7 +114,12 @@ class Regions:
     @property
     def spread(self) -> FloatMap:
         """(R,): standard deviations of the errors of the roundings beside noise, turns: by the
-        means of blocks, most of which lie on one surface."""
+        means of blocks, most of which lie on one surface.
+
+        Surfaces in one region differ by whole turns where the finest fringes do not show the step
+        between them: that is no error of a rounding, so that deviations count modulo one turn.
+        Smooth errors of more than that are spread evenly over it, which is 0.37.
+        """
         chain = self.decoding.chain
         assert chain is not None
         rows = np.delete(chain.amplification, self.finest, axis=1)
@@ -124,7 +129,9 @@ class Regions:
             turns = rows @ np.stack([means[full] for means, full in of_sets])
             if not turns.size:
                 continue  # a region of less than a block
-            off.append(np.abs(turns - np.median(turns, axis=1, keepdims=True)))
+            mean = np.exp(1j * TURN * turns).mean(axis=1, keepdims=True)
+            beside = turns - np.angle(mean) / TURN
+            off.append(np.abs(beside - np.rint(beside)))
         if not off:
             return np.zeros(len(rows))
         return np.asarray(np.median(np.concatenate(off, axis=1), axis=1) / NORMAL_MEDIAN)

@@ -28,6 +28,7 @@ ELSEWHERE = {
     "fringeworks certificate ": "thirteen scans: tests/test_certificate.py",
     "fringeworks merge ": "many views: tests/test_merging.py",
     "fringeworks deviation part.npz --model part.step ": "a drawing: tests/test_drawings.py",
+    "fringeworks recipe part.qif --model part.step ": "a QIF document: tests/test_qif_tolerances.py",
     "fringeworks calibrate left/ ": "two cameras: tests/test_cameras_files.py",
     "fringeworks measure part/left ": "two cameras: tests/test_cameras_files.py",
     "fringeworks rig convert intrinsics.yml ": "two files: tests/test_stereo_files.py",

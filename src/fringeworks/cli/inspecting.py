@@ -81,7 +81,8 @@ def recipe(
         Path | None, typer.Option(help="Rig file of `calibrate`; it lies beside the recipe.")
     ] = None,
     model: Annotated[
-        Path | None, typer.Option(help="STEP drawing whose faces a QIF document names.")
+        Path | None,
+        typer.Option(help="Drawing: .step; its faces are those that a QIF document names."),
     ] = None,
 ) -> None:
     """Begin a recipe with the tolerances of a drawing; says which ones it cannot take."""

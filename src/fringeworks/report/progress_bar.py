@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from math import isfinite
 from typing import Any
 
 from fringeworks.types import InputError
@@ -109,7 +110,7 @@ def lines(total: int | None, write: Callable[[str], None]) -> Show:
 def _text(step: object) -> str:
     """A step in words."""
     if isinstance(step, float):
-        return f"{step:.0%}"
+        return f"{round(100.0 * step)}%" if isfinite(step) else ""
     return step if isinstance(step, str) else type(step).__name__
 
 
@@ -140,9 +141,9 @@ def _bar(total: int | None, display: Any) -> Iterator[Show]:
     try:
         yield show
     except BaseException:
-        place.update(display.HTML(f"stopped after {time.monotonic() - started:.1f} s"))
+        place.update(display.HTML(f"stopped after {round(time.monotonic() - started, 1)} s"))
         raise
-    place.update(display.HTML(f"done in {time.monotonic() - started:.1f} s"))
+    place.update(display.HTML(f"done in {round(time.monotonic() - started, 1)} s"))
 
 
 def _share(step: object, count: int, total: int | None) -> float | None:
@@ -159,7 +160,7 @@ def _share(step: object, count: int, total: int | None) -> float | None:
 
 def _html(text: str, share: float | None, passed: float) -> str:
     """A bar, which moves to and fro where the share is unknown, and what is done."""
-    value = "" if share is None else f' value="{share:.3f}"'
+    value = "" if share is None else f' value="{round(share, 3)}"'
     left = ""
     if share:
         left = f", {passed / share * (1.0 - share):.0f} s left"

@@ -162,11 +162,10 @@ def examine(
         moved = _moved_rather(found, sample)
         for axis_found in found.values():
             _refuse_unlike(axis_found.decoding, plan, moved)
+            findings += _of_steps(axis_found.decoding, plan, moved)
         found = {axis: _with_unknown_rest(f, moved) for axis, f in found.items()}
         # Motion and vibration move the fringes as well: they are named first. What the fringes
         # then lack in agreement looks like noise.
-        for axis_found in found.values():
-            findings += _of_steps(axis_found.decoding, plan, moved)
         findings += beside
         for axis_found in found.values():
             findings += axis_found.findings

@@ -115,6 +115,10 @@ TINY = 1e-12
 """Divides instead of a slope of zero, px per px."""
 
 
+ON_BORDERS = 0.1
+"""Quantile of σ of a Gray code's coordinates that is that of pixels on borders of cells, which are
+known best: motion matters there first. At usual blur, a fifth of the pixels lies on some."""
+
 SLOPE_PX = 16
 """Distance along lines over which the slope of a Gray code's coordinates is taken, camera px: over
 several cells, and less than between most edges."""
@@ -271,8 +275,10 @@ def _of_code(decoding: Decoding, lines: list[NDArray[Any]], known: Known) -> Ref
     if not apart_px or not np.isfinite(slope).any():
         return Refined(decoding, edges=edges)
     pull_px = apart_px * median(slope[np.isfinite(slope)])
-    told = words.moved_pairs(decoding.axis, apart_px, pull_px)
-    return Refined(decoding, (told,), edges=edges, pull_px=pull_px)
+    best = quantile(maps["sigma"][np.isfinite(maps["sigma"])], ON_BORDERS)
+    notable = pull_px**2 > (NOTABLE_RATIO - 1.0) * best**2
+    told = (words.moved_pairs(decoding.axis, apart_px, pull_px),) if notable else ()
+    return Refined(decoding, told, edges=edges, pull_px=pull_px)
 
 
 def _have_edges(

@@ -552,7 +552,8 @@ class LineEvidence:
         solver: Any
         if len(kept) < 2:
             return False
-        data = np.stack([np.asarray(shown[phases.frames[n]], np.float32).ravel() for n in kept])
+        seen = [np.asarray(shown[phases.frames[n]], np.float32) for n in kept]
+        data = np.stack([_finite(plane).ravel() for plane in seen])
         if len(kept) == 2:
             middle = self._middle(phases, decoding, shown)
             solver = np.linalg.pinv(rows[kept][:, 1:])

@@ -93,7 +93,7 @@ def moved_rather(phases: PhaseFrames, lines: Sequence[NDArray[Any]]) -> float:
     frames = len(phases.frames)
     if phases.line_px is not None:
         return 0.0
-    values = np.stack([line.astype(np.float64) for line in lines])
+    values = np.stack([_finite(line) for line in lines])
     design, solver = fit_matrices(phases.rows)
     if frames < 4 or solver is None or values.shape[2] < 3:
         return 0.0
@@ -117,11 +117,17 @@ def moved_rather(phases: PhaseFrames, lines: Sequence[NDArray[Any]]) -> float:
     share = paint[kept] / light[:, 1:-1][kept]
     found = _displacements(across, model * share, left[:, kept])
     off = step_errors(RealFrames(np.array(phases.rows)).shifts_rad, phases.shifts_rad)
-    by_steps = off / median(slope[kept])
-    if found is None:
+    usual = median(slope[kept])
+    if found is None or usual == 0.0:
         return 0.0
-    by_paint, inverse = found
+    by_steps, (by_paint, inverse) = off / usual, found
     return float(by_steps @ inverse @ (by_paint - 0.5 * by_steps))
+
+
+def _finite(line: NDArray[Any]) -> NDArray[np.float64]:
+    """Counts in double precision; NaN where they are not finite."""
+    values = line.astype(np.float64)
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 def _displacements(
@@ -174,10 +180,10 @@ def pairs_apart(gray: GrayFrames, lines: dict[int, NDArray[Any]]) -> float:
     itself. Borders that rise and those that fall count alike, as light of the room raises both.
     """
     pairs = [
-        (lines[bit].astype(np.float64), lines[other].astype(np.float64))
+        (_finite(lines[bit]), _finite(lines[other]))
         for bit, other in zip(gray.bits, gray.inverse, strict=False)
     ]
-    if len(pairs) < FEWEST_PAIRS:
+    if len(pairs) < FEWEST_PAIRS or not np.isfinite(sum(map(sum, pairs))).any():
         return 0.0
     light = np.median([0.5 * (bit + other) for bit, other in pairs], axis=0)[:, 1:-1]
     contrast = np.max([0.5 * np.abs(bit - other) for bit, other in pairs], axis=0)[:, 1:-1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +10,12 @@ import pytest
 
 from fringeworks import FileProblem, InputError, encode
 from fringeworks.cli.commands import run
+from fringeworks.devices.virtual_camera import VirtualCamera
 from fringeworks.files import read_stack, write_pair, write_stack
 from fringeworks.scan.capture import capture
 from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.frames import take_frames
+from fringeworks.scan.together import capture_together
 from fringeworks.simulate.scene import standard_scene
 from fringeworks.types import CameraSettings, DeviceProblem
 from tests.virtual_devices import Interrupting, Screen, bench, plan
@@ -269,3 +272,28 @@ def test_resuming_sets_a_camera_that_forgot_its_settings(tmp_path):
         capture(b.projector, b.camera, plan(), tmp_path / "c", settings=other, resume=True)
     capture(b.projector, b.camera, plan(), tmp_path / "c", settings=asked, resume=True)
     assert b.camera.configure(CameraSettings()).gain_db == 2.0
+
+
+class Late:
+    """A camera whose frames arrive several frames late."""
+
+    def __init__(self, camera, frames):
+        self._camera, self._frames, self._kept = camera, frames, deque()
+
+    def __getattr__(self, name):
+        return getattr(self._camera, name)
+
+    def grab(self, timeout_s=5.0):
+        while len(self._kept) <= self._frames:
+            self._kept.append(self._camera.grab(timeout_s))
+        return self._kept.popleft()
+
+
+def test_one_of_two_cameras_may_be_late(tmp_path):
+    """Its frames of the picture before agree with each other as well as those of the new one."""
+    b = bench({"delay_s": 0.03}, {"delay_s": 0.05})
+    late = Late(VirtualCamera(b.camera.scene, b.projector, b.camera.model, seed=1), 3)
+    folders = [tmp_path / "one", tmp_path / "other"]
+    for folder in capture_together(b.projector, [b.camera, late], plan(), folders):
+        for frame, picture in zip(read_stack(folder).frames, encode(plan()), strict=True):
+            assert np.abs(frame - expected(picture)).mean() < 2

@@ -37,6 +37,9 @@ scale. JPEG of quality 40 stays below 0.03; with more, something moves."""
 MAX_INCOMPLETE = 20
 """Incomplete frames in a row after which a camera's connection is unusable, if they fill the
 longest wait as well: with 5 % lost packets, frames of 40 packets are complete once in eight."""
+LATE_FRAMES = 8
+"""Further frames that have to agree where one of several cameras sees no change: it may be that
+many frames late, as many as drivers keep, or look where the picture does not change."""
 
 
 class Agreement:
@@ -71,6 +74,8 @@ class Agreement:
         self._timeout_s = timeout_s
         self._picture: NDArray[Any] = np.empty((0, 0))
         self._frame: NDArray[np.float32] = np.empty((0, 0), np.float32)
+        self._parts: list[NDArray[np.float32]] = []
+        """The same for each of several cameras."""
         self._kind: tuple[tuple[int, ...], np.dtype[Any]] | None = None
         self.pair: tuple[NDArray[np.float32], NDArray[np.float32]] = (self._frame, self._frame)
         """The two frames that agreed last, on the grid of ``compared``, counts; they differ by
@@ -135,6 +140,7 @@ class Agreement:
         self._full = largest_count(settings, series[-1][-1].dtype)
         self._noise = self._plausible(noise, self._full)
         self._picture, self._frame = texture, compared(series[-1][-1])
+        self._parts = self._parts_of(series[-1][-1])
         if noise.waited_frames:
             return self.take(black, "black"), self.take(white, "white")
         one, other = two_of(_pixels(of_black[1:]))
@@ -215,12 +221,27 @@ class Agreement:
                 self.pair = last, frame
             else:
                 agreeing = 0
-            if agreeing > self.noise.waited_frames:
+            late = self._late(grab) if new and agreeing else 0
+            if agreeing > self.noise.waited_frames + late:
                 self._picture, self._frame = np.array(picture), frame
+                self._parts = self._parts_of(grab.pixels)
                 return grab
             if grab.host_s - shown_s > self._timeout_s:
                 raise DeviceProblem(self._why_not(label, seen))
             last = frame
+
+    def _parts_of(self, pixels: NDArray[Any]) -> list[NDArray[np.float32]]:
+        """A frame of several cameras in the parts of each; none for a single camera."""
+        split = getattr(self._camera, "split", None)
+        return [] if split is None else [compared(part) for part in split(pixels)]
+
+    def _late(self, grab: Grab) -> int:
+        """How many frames one of several cameras may be late: it still sees the picture before."""
+        same = (
+            not changed(block_differences(before, part, self.noise.largest))
+            for before, part in zip(self._parts, self._parts_of(grab.pixels), strict=True)
+        )
+        return LATE_FRAMES if any(same) else 0
 
     def _repeated(self, one: NDArray[np.float32] | None, other: NDArray[np.float32]) -> bool:
         """Whether a frame is the one before, delivered again. Frames of saturated pixels only are

@@ -221,10 +221,10 @@ class Agreement:
                 self.pair = last, frame
             else:
                 agreeing = 0
-            late = self._late(grab) if new and agreeing else 0
+            parts = self._parts_of(grab.pixels) if agreeing else []
+            late = self._late(parts) if new and agreeing else 0
             if agreeing > self.noise.waited_frames + late:
-                self._picture, self._frame = np.array(picture), frame
-                self._parts = self._parts_of(grab.pixels)
+                self._picture, self._frame, self._parts = np.array(picture), frame, parts
                 return grab
             if grab.host_s - shown_s > self._timeout_s:
                 raise DeviceProblem(self._why_not(label, seen))
@@ -235,11 +235,11 @@ class Agreement:
         split = getattr(self._camera, "split", None)
         return [] if split is None else [compared(part) for part in split(pixels)]
 
-    def _late(self, grab: Grab) -> int:
+    def _late(self, parts: list[NDArray[np.float32]]) -> int:
         """How many frames one of several cameras may be late: it still sees the picture before."""
         same = (
             not changed(block_differences(before, part, self.noise.largest))
-            for before, part in zip(self._parts, self._parts_of(grab.pixels), strict=True)
+            for before, part in zip(self._parts, parts, strict=True)
         )
         return LATE_FRAMES if any(same) else 0
 

@@ -19,7 +19,7 @@ from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.noise import measure_noise, neighbour_noise, spatial_noise, usable
 from fringeworks.stack.order_faults import refuse_order_faults, refuse_unrelated, repeats_in_words
 from fringeworks.stack.other_patterns import other_exposures
-from fringeworks.stack.real_frames import RealFrames, design_rows, fit_frames
+from fringeworks.stack.real_frames import RealFrames, design_rows, fit_frames, real_step_errors
 from fringeworks.stack.refine import Refined, refined
 from fringeworks.stack.refusal import saturation_first
 from fringeworks.stack.ripple_removal import without_ripples
@@ -273,7 +273,7 @@ def _with_unknown_rest(found: Refined, moved: float) -> Refined:
     finest = min(found.decoding.sets, key=lambda phases: phases.period_px, default=None)
     if finest is None or not finest.design:
         return found
-    off = step_errors(RealFrames(np.array(finest.rows)).shifts_rad, finest.shifts_rad)
+    off = real_step_errors(finest)
     if not by_motion(moved, off):
         return found
     frames = len(off)
@@ -338,9 +338,8 @@ def _details(found: Refined) -> dict[str, Any]:
 
 
 def _degrees(phases: PhaseFrames) -> list[float]:
-    real = RealFrames(np.array(phases.rows)).shifts_rad
-    errors = step_errors(real, phases.shifts_rad)
-    return [float(d) for d in np.degrees(np.asarray(phases.shifts_rad) + errors).round(3)]
+    real = np.asarray(phases.shifts_rad) + real_step_errors(phases)
+    return [float(d) for d in np.degrees(real).round(3)]
 
 
 def _check_order(

@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.stack.fits import fit_matrices, times
+from fringeworks.stack.fits import fit_matrices, times, wave_of
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import PhaseFrames
-from fringeworks.stack.real_frames import OUTLIERS, RealFrames
-from fringeworks.stack.shifts import step_errors
+from fringeworks.stack.real_frames import OUTLIERS, real_step_errors
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median, quantile
 from fringeworks.types import FloatMap
 
@@ -97,11 +96,9 @@ def moved_rather(phases: PhaseFrames, lines: Sequence[NDArray[Any]]) -> float:
     design, solver = fit_matrices(phases.rows)
     if frames < 4 or solver is None or values.shape[2] < 3:
         return 0.0
-    fitted = times(solver, values.reshape(frames, -1)).reshape(3, *values.shape[1:])
-    wave = fitted[1] + 1j * fitted[2]
+    light, wave = wave_of(phases, lines)
     turn = np.angle(wave[:, 1:] * np.conj(wave[:, :-1]))
     slope, bend = 0.5 * (turn[:, 1:] + turn[:, :-1]), np.abs(turn[:, 1:] - turn[:, :-1])
-    light = fitted[0]
     paint = 0.5 * (light[:, 2:] - light[:, :-2])
     across = np.linalg.qr(design, mode="complete")[0][:, 3:]
     inner = values[:, :, 1:-1]
@@ -113,14 +110,13 @@ def moved_rather(phases: PhaseFrames, lines: Sequence[NDArray[Any]]) -> float:
     kept &= np.isfinite(square) & (light[:, 1:-1] > 0.0)
     if np.count_nonzero(kept) < FEWEST:
         return 0.0
-    model = times(design, fitted[:, :, 1:-1][:, kept])
-    share = paint[kept] / light[:, 1:-1][kept]
+    a, at = light[:, 1:-1][kept], wave[:, 1:-1][kept]
+    model, share = times(design, np.stack((a, at.real, at.imag))), paint[kept] / a
     found = _displacements(across, model * share, left[:, kept])
-    off = step_errors(RealFrames(np.array(phases.rows)).shifts_rad, phases.shifts_rad)
     usual = median(slope[kept])
     if found is None or usual == 0.0:
         return 0.0
-    by_steps, (by_paint, inverse) = off / usual, found
+    by_steps, (by_paint, inverse) = real_step_errors(phases) / usual, found
     return float(by_steps @ inverse @ (by_paint - 0.5 * by_steps))
 
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from fringeworks.stack.examine import Judgement
 from fringeworks.stack.kernel_settings import PhaseFrames
 from fringeworks.stack.motion_path import LIKELY
-from fringeworks.stack.real_frames import RealFrames
-from fringeworks.stack.shifts import step_errors
+from fringeworks.stack.real_frames import real_step_errors
 from fringeworks.stack.unmeasured import LARGE_SHARE
 from fringeworks.types import BoolMap, CoordinateMap, Finding, FloatMap
 from fringeworks.types.numbers import number, percent, sigma_text
@@ -129,10 +128,9 @@ def _moving(finding: Finding) -> Finding:
 
 def _step_errors(phases: PhaseFrames) -> NDArray[np.float64]:
     """Errors of the steps of a set, rad; 0 where none are reported."""
-    planned = np.asarray(phases.shifts_rad)
     if not phases.design or phases.unsure:
-        return np.zeros(planned.size)
-    return step_errors(RealFrames(np.array(phases.design)).shifts_rad, planned)
+        return np.zeros(len(phases.shifts_rad))
+    return real_step_errors(phases)
 
 
 def _periods(vibrations: Mapping[float, FloatMap], unsure: BoolMap) -> list[float]:

@@ -23,6 +23,8 @@ from fringeworks.stack.fits import (
     samples_at,
     times,
 )
+from fringeworks.stack.kernel_settings import PhaseFrames
+from fringeworks.stack.shifts import step_errors
 from fringeworks.statistics.quantiles import median
 from fringeworks.types import BoolMap, FloatMap
 
@@ -106,6 +108,12 @@ class RealFrames:
     def light_gains(self) -> NDArray[np.float64]:
         """Background of every frame over the mean of all."""
         return np.asarray(self.design[:, 0] / self.design[:, 0].mean())
+
+
+def real_step_errors(phases: PhaseFrames) -> NDArray[np.float64]:
+    """Differences of the steps that a set's frames show from those of the plan, rad; see
+    ``step_errors``."""
+    return step_errors(RealFrames(np.array(phases.rows)).shifts_rad, phases.shifts_rad)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -51,6 +52,7 @@ from fringeworks.stack.order_words import in_words_of
 from fringeworks.stack.refine import MOST_SPREAD_TURNS, Refined
 from fringeworks.stack.refusal import saturation_first, without_lacking_axes
 from fringeworks.stack.region_orders import Regions, decide_by_regions, regions_of
+from fringeworks.stack.room_light import evened
 from fringeworks.stack.sample import take_sample
 from fringeworks.statistics.surface_scatter import cover_scatter
 from fringeworks.types import (
@@ -60,6 +62,7 @@ from fringeworks.types import (
     Decoded,
     FloatMap,
     InputError,
+    found_before,
     positive,
     sealed,
 )
@@ -167,17 +170,20 @@ def decode(
     planes, plan = with_light(check_frames(frames, plan), plan)
     if out is not None:
         check_reusable_result(out, plan.axes, planes[0].shape, keep_phases)
+    planes, uneven = evened(planes, plan)
     with in_words_of(said):
-        findings = judge(
-            planes,
-            plan,
-            decodings_of(plan, absolute, response),
-            limits_of(planes[0].dtype, saturation, min_modulation),
-            noise=noise,
-            count_step=count_step,
-            estimate_steps=estimate_steps,
-            estimate_response=estimate_response,
-        )
+        with found_before(uneven):
+            findings = judge(
+                planes,
+                plan,
+                decodings_of(plan, absolute, response),
+                limits_of(planes[0].dtype, saturation, min_modulation),
+                noise=noise,
+                count_step=count_step,
+                estimate_steps=estimate_steps,
+                estimate_response=estimate_response,
+            )
+        findings = replace(findings, findings=(*uneven, *findings.findings))
         decoded = measured(
             planes,
             findings,

@@ -329,8 +329,9 @@ def resolution(gray: GrayFrames, sample: Sequence[NDArray[Any]], noise: CameraNo
         return Resolution(len(firm) - 1)
     unresolved = len(firm) - 1 - int(resolved[-1])
     width = gray.step_px * 2**unresolved
-    # Where half of the light is not half of the counts, brightness tells no place within a border.
-    unknown = share > NARROW_CONTRAST
+    # Where half of the light is not half of the counts, or a bit and its inverse do not add up to
+    # it, brightness tells no place within a border.
+    unknown = share > NARROW_CONTRAST or strange[resolved[-1]]
     blurred = float("inf") if unknown else float(1.0 - firm[resolved[-1]]) * width
     kept = len(firm) - unresolved
     clear = lit & (np.abs(off[:kept]) > CLEAR_SHARE * contrast).all(axis=0)

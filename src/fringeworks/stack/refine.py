@@ -25,6 +25,7 @@ from fringeworks.stack.edges import (
     most_blur,
     most_blur_by_contrast,
 )
+from fringeworks.stack.fits import harmonic_noise
 from fringeworks.stack.frame_motion import pairs_apart
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import SEAM_SIGMAS, Decoding, PhaseFrames, lit_pixels
@@ -400,15 +401,26 @@ def _pull(decoding: Decoding, coordinate: FloatMap) -> GridPull | None:
 
 
 def _uneven_residuals(decoding: Decoding, sample: Sample, known: Known) -> bool:
-    """Whether more residuals of the fits are outliers than noise and edges explain."""
+    """Whether the residuals of the fits hold more than noise, or more outliers than edges explain.
+
+    Light that changes from row to row while the frames are taken leaves more everywhere; noise that
+    was measured in short stretches does not contain it.
+    """
     for phases in decoding.sets:
         freedom = len(phases.frames) - 3
         if freedom < 1:
             continue
         fit = sample.fits.of(phases)
         fit = fit.at(np.flatnonzero(fit.finite & (fit.largest < known.limits.saturation)))
-        outliers = fit.square > OUTLIER_CHI * freedom * known.noise.variance(fit.fitted[0])
+        factor = harmonic_noise(phases.harmonics) if phases.harmonics else 1.0
+        variance = factor * known.noise.variance(fit.fitted[0])
+        variance = variance + 0.5 * phases.floor_rad**2 * fit.power  # as ``local_errors`` has it
+        chi = fit.square / (freedom * variance)
+        outliers = chi > OUTLIER_CHI
         if np.count_nonzero(outliers) > EDGE_SHARE * outliers.size:
+            return True
+        usual = chi[~outliers]
+        if usual.size and np.mean(usual) > NOTABLE_RATIO:
             return True
     return False
 

@@ -34,6 +34,10 @@ const FRAME_MINUS_LEVEL: f32 = 2.0;
 /// width. A larger value accepts pixels inside a cell whose bits are weak because of indirect light.
 const BORDER_HALF_WIDTH: f32 = 0.25;
 
+/// Part of the samples below the sensor's limit that are in doubt where it cuts off the light: nearly
+/// all of them.
+const CLIPPED_DOUBT: f32 = 0.99;
+
 /// Largest number of bits: 2²⁴ cells, the whole numbers that an f32 holds exactly.
 const MAX_BITS: usize = 24;
 
@@ -192,6 +196,12 @@ pub fn read_gray_code<T: Sample>(
     thresholds(code, line, n, (mean, modulation), out);
     limits_of_doubt(code, plan, n, out);
     let phases = !plan.sets.is_empty();
+    if let Against::WhiteBlack { white, .. } = &code.against
+        && code.levels == 2
+        && !phases
+    {
+        doubt_of_clipped(line(*white), plan.limits.saturation, n, out);
+    }
     if code.levels == 2 {
         read_bits(code, line, n, phases, out);
     } else {
@@ -232,6 +242,24 @@ fn limits_of_doubt(code: &GrayCode, plan: &DecodeSettings, n: usize, out: &mut G
         } else {
             any
         };
+    }
+}
+
+/// Adapt the limits of pixels whose white frame is at the saturation, to which its light is cut off.
+///
+/// Half of that light is at least half of the limit: samples below are dark. Lit ones reach the
+/// limit as well, and those between may be either.
+#[inline(always)]
+fn doubt_of_clipped<T: Sample>(white: &[T], saturation: f32, n: usize, out: &mut GrayCells) {
+    for i in 0..n {
+        let light = white[i].value();
+        if light >= saturation {
+            let dark = out.threshold[i] - out.doubt_below[i].sqrt();
+            // Samples equal to the limit are not in doubt, in spite of rounding.
+            let reach = 0.5 * CLIPPED_DOUBT * (light - dark);
+            out.threshold[i] = 0.5 * (light + dark);
+            out.doubt_below[i] = reach * reach;
+        }
     }
 }
 

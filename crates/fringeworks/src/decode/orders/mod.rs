@@ -167,7 +167,8 @@ fn mark_undetermined(sets: usize, block: &mut Block) {
 }
 
 /// Mark the pixels of a block whose Gray code is undetermined because its samples are at the limit: a
-/// bit and its inverse, or the white frame.
+/// bit and its inverse, or white and black. Where white alone is, borders may lie further on the side
+/// that is dark than half of its light tells, within their blur.
 #[inline(always)]
 fn mark_saturated_code<T: Sample>(
     frames: &Frames<'_, T>,
@@ -176,17 +177,33 @@ fn mark_saturated_code<T: Sample>(
     at: usize,
     block: &mut Block,
 ) {
+    let limit = plan.limits.saturation;
     let pairs: Vec<_> = match &code.against {
         Against::Inverse(inverse) => code.bits.iter().zip(inverse).collect(),
-        Against::WhiteBlack { white, .. } => vec![(white, white)],
+        Against::WhiteBlack { white, black } => vec![(white, black)],
         Against::Mean => Vec::new(),
     };
     for (bit, other) in pairs {
         let (bit, other) = (frames.block(*bit, at), frames.block(*other, at));
         for i in 0..BLOCK_PIXELS {
             let least = bit[i].value().min(other[i].value());
-            if least >= plan.limits.saturation && block.reason[i] != Reason::Masked.lane() {
+            if least >= limit && block.reason[i] != Reason::Masked.lane() {
                 block.reason[i] = Reason::Saturated.lane();
+            }
+        }
+    }
+    if let Against::WhiteBlack { white, black } = &code.against {
+        let (white, black) = (frames.block(*white, at), frames.block(*black, at));
+        let shift = code.blurred.min(0.5 * code.step);
+        for i in 0..BLOCK_PIXELS {
+            let clipped = white[i].value() >= limit;
+            if clipped {
+                block.background[i] = 0.5 * (white[i].value() + black[i].value());
+            }
+            if clipped && block.reason[i] == Reason::OrderAmbiguous.lane() {
+                block.reason[i] = Reason::Saturated.lane();
+            } else if clipped {
+                block.sigma[i] *= 1.0 + shift / block.gray.half_width[i];
             }
         }
     }

@@ -36,10 +36,10 @@ def memory_mb(pid: int | None) -> float:
 
 def vanish(service: Running, body: bytes = b"") -> None:
     """Begin a download and an order, and go."""
-    asks = f"Host: x\r\nAuthorization: Bearer {TOKEN}\r\n".encode()
+    asks = f"Host: 127.0.0.1:{service.port}\r\nAuthorization: Bearer {TOKEN}\r\n".encode()
     service.raw(b"GET /v1/jobs/last/cloud HTTP/1.1\r\n" + asks + b"\r\n", read=False)
     service.raw(
-        b"POST /v1/scans HTTP/1.1\r\n" + asks + b"Content-Length: 20000000\r\n\r\n" + body,
+        b"POST /v1/scans HTTP/1.1\r\n" + asks + b"Content-Length: 1000000\r\n\r\n" + body,
         read=False,
     )
 

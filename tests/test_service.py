@@ -231,6 +231,21 @@ def test_who_may_scan(served, headers, status):
         assert answer.json()["problem"]
 
 
+@pytest.mark.parametrize(
+    ("wanted", "said"),
+    [
+        # Every scan of a program that leaves its key empty would get the first one's job.
+        ({"key": ""}, "key: String should have at least 1 character"),
+        ({"robot_pose": "1,2,3"}, "robot pose: expected 6, 7, 12 or 16 numbers for a pose, got 3"),
+        ({"robot_pose": "x=1 y=2"}, "robot pose: expected"),
+    ],
+)
+def test_a_wrong_request_is_the_clients_fault(served, wanted, said):
+    answer = served.web.post("/v1/scans", json=wanted)
+    assert answer.status_code == 422
+    assert answer.json()["problem"].startswith(said)
+
+
 def test_a_browser_signs_in_with_the_token(served):
     with httpx.Client(base_url=served.address) as browser:
         assert browser.get("/v1/status").status_code == 401

@@ -44,7 +44,12 @@ def placed(cloud: PointCloud, rig: Rig, wanted: ScanRequest | MeasureRequest) ->
     """
     if wanted.robot_pose is None:
         return in_base(cloud, rig)
-    return in_base(cloud, rig, parse_robot_pose(wanted.robot_pose, wanted.poses_as))
+    try:
+        pose = parse_robot_pose(wanted.robot_pose, wanted.poses_as)
+    except FileProblem as error:
+        # No file of the service: the request is wrong.
+        raise InputError(str(error)) from error
+    return in_base(cloud, rig, pose)
 
 
 def check_frame(rig: Rig, wanted: ScanRequest | MeasureRequest, frame: FrameName) -> None:

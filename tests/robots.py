@@ -140,7 +140,9 @@ def bound(made: Robot, noise=NOISE, corner_px=CORNER_PX) -> np.ndarray:
     for stated, view in zip(made.T_base_flange, made.views, strict=True):
 
         def pixels(steps, stated=stated, index=view.index):
-            X, Y, B = (moved(T, step) for T, step in zip((made.X, made.Y, stated), steps, strict=True))
+            X, Y, B = (
+                moved(T, step) for T, step in zip((made.X, made.Y, stated), steps, strict=True)
+            )
             G = inverse(B) if made.mount == "hand" else B
             return project(camera, transform(inverse(X) @ G @ Y, points[index])).ravel()
 

@@ -184,7 +184,9 @@ def test_what_cannot_be_taken_is_said(tmp_path):
     projector, camera = wired(missed=range(24))
     board = projector._link._device
     board.hardware_status, board.parked = 0b01000001, True
-    with pytest.raises(DeviceProblem, match="sequencer has stopped after an error; its mirrors are"):
+    with pytest.raises(
+        DeviceProblem, match="sequencer has stopped after an error; its mirrors are"
+    ):
         capture(projector, camera, plan, tmp_path / "c", force=True)
     always = {24 * k + 5 for k in range(MAX_ROUNDS)}
     refused(lambda _: None, r"in 6 rounds, got none of some; pulse 6 \(", missed=always)

@@ -108,7 +108,7 @@ class ScannerCore:
             grabs: list[fw.devices.Grab] = []  # the first of each picture, for its time
             called_s = time.monotonic()
             bench = self._devices()
-            # The clock of frames that arrive, when the node's was read, before the devices were opened.
+            # The clock of frames that arrive, at the moment of the node's time stamp.
             begun_s = clock_of(bench.projector).now_s() - (time.monotonic() - called_s)
             stack = take_in_memory(
                 bench, self._how(), grabbed=lambda _, some: grabs.extend(some[:1])

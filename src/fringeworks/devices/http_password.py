@@ -38,7 +38,7 @@ class Password:
         ------
         DeviceProblem for a way of asking that is not known.
         """
-        known = []
+        known: list[dict[str, str] | None] = []
         for challenge in challenges:
             kind, _, words = challenge.partition(" ")
             if kind.lower() == "basic":

@@ -89,8 +89,8 @@ class SerialLine:
                 said = self._begun[:40].decode("ascii", errors="replace")
                 got = f"{said!r} without an end" if self._begun else "nothing"
                 raise DeviceProblem(
-                    f"{self._name}: expected {wanted} within {within_s:.3g} s, got {got}: check the "
-                    "port, the cable and the speed"
+                    f"{self._name}: expected {wanted} within {within_s:.3g} s, got {got}: check "
+                    "the port, the cable and the speed"
                 )
             try:
                 self._begun += self._port.read(max(1, self._port.in_waiting))

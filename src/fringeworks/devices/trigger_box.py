@@ -37,8 +37,8 @@ STARTS_S = 4.0
 ANSWER_S = 1.0
 """Longest wait for an answer, s."""
 SILENCE_S = 0.3
-"""Pause after which a board that restarts has written its last line, s: an ESP32 writes its lines at
-once, each takes 5 ms."""
+"""Pause after which a board that restarts has written its last line, s: an ESP32 writes its lines
+at once, and each takes 5 ms."""
 SHORTEST_US = 20
 """Shortest width of a pulse and shortest time between two, µs: what an Arduino of 16 MHz keeps."""
 LONGEST_US = 2**24 - 1

@@ -123,7 +123,8 @@ def read_robot_poses(path: StrPath, poses_as: str = "") -> RobotPoses:
         ``.csv`` or ``.txt``: a pose per line, perhaps with a header, in which names tell what they
         can; ``.json``: a list of poses, or names with poses, as lists, matrices, or with
         ``position`` and ``orientation`` as ROS has them; ``.yaml``: such messages as ROS prints
-        them; programs or parts of them with poses of KUKA ({X …, A …}), FANUC (X = … mm), UR (p[…]) and ABB ([[…],[…]]).
+        them; programs or parts of them with poses of KUKA ({X …, A …}), FANUC (X = … mm), UR (p[…])
+        and ABB ([[…],[…]]).
     poses_as : str
         How they are written, as far as the file does not say; see ``robot_poses``.
 

@@ -27,6 +27,8 @@ class Controller:
         """Error codes by command: the reply to it has the error flag."""
         self.quiet_errors = {}
         """Error codes by command whose reply has no error flag."""
+        self.empty = set()
+        """Commands whose value is not in the answer."""
         self.unplugged = False
         self.stale = []
         """Reports that are answered before the next reply."""
@@ -82,6 +84,8 @@ class Controller:
             return True, b""
         if command in self.quiet_errors and not reads:
             self.error = self.quiet_errors[command]
+            return False, b""
+        if command in self.empty and reads:
             return False, b""
         found = self.answer(command) if reads else self.obey(command, data)
         if found is None:

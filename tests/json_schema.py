@@ -16,7 +16,7 @@ TYPES = {
 KNOWN = {
     *("$ref", "type", "anyOf", "enum", "const", "properties", "required", "items", "prefixItems"),
     *("additionalProperties", "minItems", "maxItems", "minimum", "maximum", "maxLength", "pattern"),
-    *("title", "description", "default", "format"),
+    *("title", "description", "default", "format", "minLength"),
 }
 
 
@@ -45,6 +45,7 @@ def _limits(value, schema, where):
     checks = {
         "minimum": lambda v, top: v >= top,
         "maximum": lambda v, top: v <= top,
+        "minLength": lambda v, least: len(v) >= least,
         "maxLength": lambda v, top: len(v) <= top,
         "minItems": lambda v, top: len(v) >= top,
         "maxItems": lambda v, top: len(v) <= top,

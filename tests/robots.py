@@ -123,6 +123,44 @@ def robot(
     return Robot(X, Y, np.array(poses), views, mount)
 
 
+def bound(made: Robot, noise=NOISE, corner_px=CORNER_PX) -> np.ndarray:
+    """Least covariance of ``error`` that an unbiased estimate can have (Cramér and Rao), (6, 6).
+
+    From the views alone, by differences: corners scatter by their own noise, and all corners of a
+    view together by that of the robot's pose.
+    """
+    points, camera = fw.rig.parse_board(BOARD).points_mm, the_rig().camera
+    scale = np.concatenate((np.full(3, np.radians(noise[1])), np.full(3, noise[0])))
+    steps = np.diag([1e-6] * 3 + [1e-3] * 3)
+    information = np.zeros((12, 12))
+
+    def moved(T, step):
+        return pose(rotation(step[:3]) @ T[:3, :3], T[:3, 3] + step[3:])
+
+    for stated, view in zip(made.T_base_flange, made.views, strict=True):
+
+        def pixels(steps, stated=stated, index=view.index):
+            X, Y, B = (
+                moved(T, step) for T, step in zip((made.X, made.Y, stated), steps, strict=True)
+            )
+            G = inverse(B) if made.mount == "hand" else B
+            return project(camera, transform(inverse(X) @ G @ Y, points[index])).ravel()
+
+        columns = []
+        for which in range(3):
+            for step in steps:
+                ends = []
+                for sign in (1.0, -1.0):
+                    given = np.zeros((3, 6))
+                    given[which] = sign * step
+                    ends.append(pixels(given))
+                columns.append((ends[0] - ends[1]) / (2.0 * step.max()))
+        J = np.array(columns).T
+        scatter = (J[:, 12:] * scale**2) @ J[:, 12:].T + corner_px**2 * np.eye(len(J))
+        information += J[:, :12].T @ np.linalg.solve(scatter, J[:, :12])
+    return np.linalg.inv(information)[:6, :6]
+
+
 def written(T_base_flange, reading: Reading) -> np.ndarray:
     """Poses as a robot writes them, by SciPy."""
     T = inverses(T_base_flange) if reading.inverse else T_base_flange.copy()

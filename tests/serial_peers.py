@@ -103,20 +103,28 @@ def table_peer(grbl):
 class Grbl:
     """GRBL 1.1: G-code of one axis, with moves that take time."""
 
-    def __init__(self, fault=None):
+    def __init__(self, fault=None, begins_s=0.0):
         self.target, self.arrives = 0.0, 0.0
+        self.begins_s, self.moves_from, self.pauses = begins_s, 0.0, False
         self.locked, self.fault, self.moves = True, fault, []
 
     def answer(self, line):
         if line == "\x18":
             return "\r\nGrbl 1.1h ['$' for help]\r\n[MSG:'$H'|'$X' to unlock]\r\n"
         if line == "?":
-            state = "Run" if time.monotonic() < self.arrives else "Idle"
+            now = time.monotonic()
+            state = "Run" if self.moves_from <= now < self.arrives else "Idle"
             held = self.fault if self.fault and self.fault.isalpha() else None
-            return f"<{held or state}|MPos:0.000,0.000,0.000|FS:0,0>\r\n"
+            ended = self.pauses and now >= self.arrives and not held
+            self.pauses &= not ended
+            said = f"<{held or state}|MPos:0.000,0.000,0.000|FS:0,0>\r\n"
+            return f"ok\r\n{said}" if ended else said
         if line == "$X":
             self.locked = False
             return "[MSG:Caution: Unlocked]\r\nok\r\n"
+        if line == "G4 P0.01":
+            self.pauses = True
+            return ""
         if line in ("", "G21 G92 X0"):
             return "error:9\r\n" if self.locked and line else "ok\r\n"
         return self._move(line)
@@ -129,6 +137,7 @@ class Grbl:
             return f"{self.fault}\r\n"
         way, feed = abs(float(move[1]) - self.target), float(move[2])
         self.target = float(move[1])
-        self.arrives = time.monotonic() + way / feed * 60
+        self.moves_from = time.monotonic() + self.begins_s
+        self.arrives = self.moves_from + way / feed * 60
         self.moves.append((self.target, feed))
         return "ok\r\n"

@@ -268,3 +268,39 @@ def test_points_take_one_pass(monkeypatch):
     monkeypatch.setattr(_core, "decode_frames", None)
     cloud = decoder.points(captured(plan, rig, seed=1))
     assert np.isfinite(cloud.sigma_mm).mean() > 0.8
+
+
+def test_the_scatter_is_not_judged_again_where_neighbours_vote(monkeypatch):
+    """Noise that leaves orders to neighbours: between judged stacks σ is raised as before."""
+    from fringeworks.stack import decode
+
+    rig = fw.simulate.standard_rig(scale=0.4)
+    plan = fw.simulate.fringe_plan(rig, both=False)
+    view = fw.simulate.look(rig, fw.simulate.bust())
+    stacks = [
+        list(fw.simulate.photograph(view, plan, fw.simulate.Optics(seed=200 + k, noise=4.0)))
+        for k in range(2)
+    ]
+    decoder = fw.stack.Decoder(plan, rig.camera.shape, rig=rig)
+    decoder.points(stacks[0])
+    found = decoder._found.axes["x"]
+    assert found.votes
+    assert found.edges or found.scatters
+    other = fw.stack.Decoder(plan, rig.camera.shape, rig=rig, judge_every=1)
+    other.points(stacks[0])
+    other._since, other._raised = 1, {}
+    plain = other.points(stacks[1])
+    want = plain.reason.copy(), plain.xyz_mm.copy(), plain.sigma_mm.copy()
+
+    def never(*_, **__):
+        raise AssertionError("the scatter was judged")
+
+    monkeypatch.setattr(decode, "edge_variance", never)
+    monkeypatch.setattr(decode, "cover_scatter", never)
+    cloud = decoder.points(stacks[1])
+    both = (cloud.reason == 0) & (want[0] == 0)
+    assert both.sum() > 0.999 * (want[0] == 0).sum()
+    np.testing.assert_array_equal(cloud.xyz_mm[both], want[1][both])
+    ratio = cloud.sigma_mm[both] / want[2][both]
+    assert 0.95 < np.median(ratio) < 1.05
+    assert np.mean((ratio > 0.5) & (ratio < 2.0)) > 0.9

@@ -177,6 +177,13 @@ def test_busy_refused_and_wrong(tmp_path, monkeypatch):
         Dlpc350(plan, SLOW, device=fake_dlp.Dlpc350([]))
 
 
+def test_an_answer_without_its_value(tmp_path):
+    board = flashed(tmp_path, plan_of(3))
+    board.empty.add(0x1A42)
+    with pytest.raises(DeviceProblem, match="expected a value from the command that counts"):
+        Dlpc350(plan_of(3), SLOW, device=board)
+
+
 def test_what_it_cannot_show(tmp_path):
     plan = plan_of(3)
     board = flashed(tmp_path, plan)

@@ -188,6 +188,15 @@ def test_busy_unplugged_and_crowded():
     projector.close()
 
 
+@pytest.mark.parametrize("command", [0x0206, 0x1A0A, 0x0100])
+def test_an_answer_without_its_value(command):
+    board = fake_dlp.Dlpc900(hardware=5)
+    board.empty.add(command)
+    with pytest.raises(DeviceProblem, match="expected a value from the command that .*firmware"):
+        Dlpc900(device=board)
+    assert board.closed
+
+
 def test_status_says_what_is_wrong():
     board = fake_dlp.Dlpc900(hardware=5)
     projector = Dlpc900(device=board)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import subprocess
 import sys
 import time
@@ -15,6 +16,7 @@ import pytest
 from fringeworks import PatternPlan, encode
 from fringeworks.devices.gentl import GentlCamera
 from fringeworks.devices.gentl_nodes import _description
+from fringeworks.devices.gentl_system import gentl_cameras
 from fringeworks.devices.opening import list_devices, open_camera
 from fringeworks.devices.protocols import PtpCamera
 from fringeworks.files import read_stack
@@ -197,3 +199,14 @@ def test_a_camera_opened_again_has_its_own_clock():
         assert camera.grab().clock == "ptp"
     with GentlCamera() as camera:
         assert camera.grab().clock == "camera"
+
+
+def test_a_producer_that_fails_is_named_where_no_other_finds_a_camera(peer, monkeypatch, tmp_path):
+    """The camera may be that of the producer that fails."""
+    (tmp_path / "broken.cti").write_bytes(b"no library")
+    folders = os.environ["GENICAM_GENTL64_PATH"]
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", os.pathsep.join([str(tmp_path), folders]))
+    assert [one.identifier for one in gentl_cameras()] == ["FWCAM0"]
+    peer._control["plugged"] = 0
+    with pytest.raises(DeviceProblem, match=r"expected a producer that loads, got broken\.cti"):
+        GentlCamera()

@@ -10,7 +10,7 @@ import pytest
 import fringeworks as fw
 from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.rig.robot.readings import CONVENTIONS, inverses
-from tests.robots import NOISE, board_places, robot, the_rig, written
+from tests.robots import NOISE, board_places, bound, robot, the_rig, written
 
 MOUNTS = ("hand", "base")
 
@@ -266,3 +266,13 @@ def test_errors_are_smaller_than_by_opencv(mount):
     others = np.sqrt(np.mean(np.square(theirs), axis=0))
     assert (others > one).all()
     assert (np.median(others, axis=0) > 1.05 * one).all()
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_sigma_is_the_least_that_the_noise_allows(mount):
+    """Of Cramér and Rao, computed from the views by differences, beside the package's own way."""
+    for seed in (77_000, 77_001):
+        found = robot(seed, mount=mount).calibrated(noise=NOISE)
+        exact = robot(seed, mount=mount, noise=(0.0, 0.0), corner_px=0.0)
+        least = np.sqrt(np.diag(bound(exact)))
+        np.testing.assert_allclose(found.sigma, least, rtol=0.03)

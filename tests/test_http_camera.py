@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 import base64
+import contextlib
+import hashlib
+import re
+import socket
+import threading
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,7 +21,7 @@ from fringeworks.files import read_stack
 from fringeworks.patterns.plan import PatternPlan, PhaseSteps, equal_steps
 from fringeworks.scan.capture import capture
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, Region
-from tests.http_peer import http_peer
+from tests.http_peer import http_peer, jpeg
 
 pytestmark = pytest.mark.system
 PLAN = PatternPlan(
@@ -138,3 +144,119 @@ def test_words_passwords_and_settings():
                 camera.configure(CameraSettings(exposure_ms=5.0))
         with pytest.raises(DeviceProblem, match="expected an open camera, got a closed one"):
             camera.grab()
+
+
+class RawCamera:
+    """A camera of another maker: ``answer`` gets the request's text and gives the bytes."""
+
+    def __init__(self, answer):
+        self._answer, self._heard = answer, socket.create_server(("127.0.0.1", 0))
+        self.address = f"http://127.0.0.1:{self._heard.getsockname()[1]}/v"
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _run(self):
+        while True:
+            try:
+                connection, _ = self._heard.accept()
+            except OSError:
+                return
+            with connection, contextlib.suppress(OSError):
+                while request := connection.recv(4096).decode("latin-1"):
+                    said, closes = self._answer(request)
+                    connection.sendall(said)
+                    if closes:
+                        break
+
+    def close(self):
+        self._heard.close()
+
+
+IMAGE = jpeg(np.full((12, 16), 90, np.uint8))
+
+
+def snapshot(kind="Content-Type: image/jpeg", *, closes=False):
+    head = f"HTTP/1.1 200 OK\r\n{kind}\r\nContent-Length: {len(IMAGE)}\r\n\r\n"
+    return lambda _: (head.encode() + IMAGE, closes)
+
+
+def mjpeg(kind, mark=b"--frame"):
+    part = mark + b"\r\nContent-Length: %d\r\n\r\n" % len(IMAGE) + IMAGE + b"\r\n"
+    head = f"HTTP/1.1 200 OK\r\nContent-Type: {kind}\r\n\r\n".encode()
+    return lambda _: (head + 20 * part, True)
+
+
+def digest(request, *, qop=True, algorithm="MD5"):
+    """A camera that asks for a password by Digest, as RFC 7616 computes it."""
+    given = dict(re.findall(r'(\w+)="?([^",\r]+)', request.partition("Digest ")[2]))
+    made = hashlib.md5 if algorithm == "MD5" else hashlib.sha256
+
+    def hashed(*words):
+        return made(":".join(words).encode()).hexdigest()
+
+    if given:
+        who, what = hashed("eva", "a camera", "p:w"), hashed("GET", given["uri"])
+        middle = (given["nc"], given["cnonce"], "auth") if qop else ()
+        if given["response"] == hashed(who, "n0", *middle, what) and given["username"] == "eva":
+            return snapshot()(request)
+    asks = f'realm="a camera", nonce="n0", algorithm={algorithm}' + ', qop="auth"' * qop
+    head = f"HTTP/1.1 401 No\r\nWWW-Authenticate: Digest {asks}\r\nContent-Length: 0\r\n\r\n"
+    return head.encode(), False
+
+
+ODD = {
+    "ends each connection and says so": snapshot(
+        "Content-Type: image/jpeg\r\nConnection: close", closes=True
+    ),
+    "bytes": snapshot("Content-Type: application/octet-stream"),
+    "no type": snapshot("X: y"),
+    "other boundary": mjpeg("multipart/x-mixed-replace; boundary=other"),
+    "no boundary": mjpeg("multipart/x-mixed-replace"),
+    "mixed": mjpeg("multipart/mixed; boundary=frame"),
+}
+
+
+@pytest.mark.parametrize("kind", ODD)
+def test_cameras_with_odd_headers(kind):
+    peer = RawCamera(ODD[kind])
+    with contextlib.closing(peer), HttpCamera(peer.address) as camera:
+        for _ in range(3):
+            assert (camera.grab().pixels == 90).all()
+
+
+@pytest.mark.parametrize(
+    "how", [{}, {"qop": False}, {"algorithm": "SHA-256"}], ids=["md5", "old", "sha"]
+)
+def test_a_password_by_digest(how):
+    peer = RawCamera(partial(digest, **how))
+    with contextlib.closing(peer):
+        address = peer.address.replace("//", "//eva:p%3Aw@")
+        with HttpCamera(address) as camera:
+            assert (camera.grab().pixels == 90).all()
+            assert camera.name == peer.address
+        with pytest.raises(DeviceProblem, match="the user or the password is not right"):
+            HttpCamera(peer.address.replace("//", "//eva:wrong@"))
+        with pytest.raises(DeviceProblem, match="401 No; give user:password@ before the host"):
+            HttpCamera(peer.address)
+
+
+def test_a_camera_that_moved_or_asks_in_an_unknown_way():
+    moved = b"HTTP/1.1 302 Found\r\nLocation: /real.jpg\r\nContent-Length: 0\r\n\r\n"
+    peer = RawCamera(lambda _: (moved, True))
+    with (
+        contextlib.closing(peer),
+        pytest.raises(DeviceProblem, match="its images are at /real.jpg now: give this address"),
+    ):
+        HttpCamera(peer.address)
+    asks = b"HTTP/1.1 401 No\r\nWWW-Authenticate: Bearer\r\nContent-Length: 0\r\n\r\n"
+    peer = RawCamera(lambda _: (asks, True))
+    with (
+        contextlib.closing(peer),
+        pytest.raises(DeviceProblem, match="by Basic, or by Digest with .*, got Bearer"),
+    ):
+        HttpCamera(peer.address.replace("//", "//eva:x@"))
+
+
+@pytest.mark.parametrize("address", ["http://h:99999/", "http://h:x/", "http://[::1/", "http:///x"])
+def test_addresses_that_are_none(address):
+    with pytest.raises(InputError, match="address: expected http://HOST"):
+        HttpCamera(address)

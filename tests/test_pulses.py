@@ -181,6 +181,13 @@ def test_what_cannot_be_taken_is_said(tmp_path):
     refused(lambda c: setattr(c, "every", 2), "got 12: the camera is too slow for one every 10 ms")
     refused(lambda c: setattr(c, "extra", 1), "expected 24 frames for 24 pulses, got more")
     refused(lambda _: None, "got none: connect the trigger output of DLP5500", missed=range(24))
+    projector, camera = wired(missed=range(24))
+    board = projector._link._device
+    board.hardware_status, board.parked = 0b01000001, True
+    with pytest.raises(
+        DeviceProblem, match="sequencer has stopped after an error; its mirrors are"
+    ):
+        capture(projector, camera, plan, tmp_path / "c", force=True)
     always = {24 * k + 5 for k in range(MAX_ROUNDS)}
     refused(lambda _: None, r"in 6 rounds, got none of some; pulse 6 \(", missed=always)
     camera = refused(lambda c: setattr(c, "gone", True), "it was unplugged")

@@ -97,6 +97,49 @@ def test_every_way_of_writing_has_its_reading(tmp_path, kind):
     assert (equal[0].length, equal[0].angle) == (right.length, right.angle)
 
 
+def echoed(maker):
+    """As ``ros2 topic echo`` prints PoseStamped."""
+    form = "header:\n  stamp:\n    sec: 17\n    nanosec: 5\npose:\n  position:\n    x: {}\n    y: {}\n    z: {}\n"
+    form += "  orientation:\n    x: {}\n    y: {}\n    z: {}\n    w: {}\n---\n"
+    return "".join(form.format(*row) for row in numbers(maker))
+
+
+AXES = "q1,q2,q3,q4,q5,q6"
+RTDE = [f"target_TCP_pose_{k}" for k in range(6)] + [f"actual_TCP_pose_{k}" for k in range(6)]
+STRANGE = {
+    "ros2 topic echo": ("ros", "a.yaml", echoed("ros")),
+    "axes beside the pose": ("ur", "a.csv", f"{AXES},x,y,z,rx,ry,rz\n" + "\n".join(
+        "0.1,0.2,0.3,-0.4,0.5,0.6," + row for row in lines("ur", SIX).split("\n"))),
+    "RTDE": ("ur", "a.csv", " ".join(["timestamp", *RTDE]) + "\n" + "\n".join(
+        "7.5 0 0 0 0 0 0 " + row.replace(",", " ") for row in lines("ur", SIX).split("\n"))),
+    "units in a line": ("kuka", "a.csv", "X;Y;Z;A;B;C\nmm;mm;mm;deg;deg;deg\n"
+                        + lines("kuka", SIX).replace(",", ";")),
+    "remarks": ("abb", "a.txt", "! of the cell\n// x y\n; z\n" + lines("abb", SEVEN)),
+    "letters of a quaternion": ("abb", "a.txt", lines(
+        "abb", "X={} Y={} Z={} QW={} QX={} QY={} QZ={}")),
+    "brackets": ("kuka", "a.txt", "[" + lines("kuka", SIX).replace("\n", "]\n[") + "]"),
+    "order in the name": ("ros", "a.json", json.dumps(
+        [{"translation": r[:3].tolist(), "quaternion_xyzw": r[3:].tolist()} for r in numbers("ros")])),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", STRANGE)
+def test_other_ways_of_writing(tmp_path, kind):
+    """What other programs write: the right reading is there, and no unit is made up."""
+    maker, name, text = STRANGE[kind]
+    (tmp_path / name).write_text(text)
+    poses = fw.files.read_robot_poses(tmp_path / name)
+    near = [r for r in poses.readings if np.abs(r.transforms(poses.values) - POSES).max() < 1e-3]
+    right = CONVENTIONS[maker]
+    assert (right.length, right.angle) in {(r.length, r.angle) for r in near}
+
+
+def test_a_column_that_is_there_twice_is_named(tmp_path):
+    (tmp_path / "a.csv").write_text("x,y,z,rx,ry,rz,x,y,z\n1,2,3,0.1,0.2,0.3,4,5,6")
+    with pytest.raises(fw.InputError, match="expected each column once, got x twice"):
+        fw.files.read_robot_poses(tmp_path / "a.csv")
+
+
 def test_a_program_leaves_only_the_direction_open(tmp_path):
     for kind in ("ur script", "abb program", "fanuc program"):
         maker, name, text = FILES[kind]

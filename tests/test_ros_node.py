@@ -15,6 +15,8 @@ import pytest
 pytest.importorskip("rosbags")
 
 import fringeworks as fw
+from fringeworks.devices.clock import clock_of
+from fringeworks.devices.virtual_camera import VirtualCamera
 from fringeworks.files.ros_messages import RosMessages
 from fringeworks.types import RobotFrame
 from tests import fake_rclpy
@@ -103,6 +105,62 @@ def rotated(transform, point):
     axis, w = np.array([q.x, q.y, q.z]), q.w
     turned = point + 2.0 * np.cross(axis, np.cross(axis, point) + w * point)
     return turned + np.array([t.x, t.y, t.z])
+
+
+class PtpClock(VirtualCamera):
+    """A camera whose frames carry the network's time, ahead of that of the node by so much."""
+
+    ahead_s = zero_s = 0.0
+    follows = False
+
+    def synchronise(self, timeout_s=15.0):
+        del timeout_s
+        self.follows = True
+        return 0.0
+
+    def grab(self, *given, **named):
+        got = super().grab(*given, **named)
+        at_s = 1e-9 * STAMP + PtpClock.ahead_s + got.host_s - PtpClock.zero_s
+        return replace(got, device_s=at_s, clock="ptp") if self.follows else got
+
+
+def stamps_ns(found):
+    return {m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in found.messages.values()}
+
+
+@pytest.mark.parametrize("ahead_s", [0.0, 37.0, -3600.0])
+def test_time_stamps_are_those_of_a_camera_with_ptp(core, files, store, monkeypatch, ahead_s):
+    made = RosMessages(store.types.__getitem__)
+    monkeypatch.setattr("fringeworks.devices.bench.VirtualCamera", PtpClock)
+    monkeypatch.setattr(PtpClock, "ahead_s", ahead_s)
+    scanner = core.ScannerCore(core.Parameters(**files, ptp=True), made)
+    scanner.capture(STAMP)
+    clock = clock_of(scanner._bench.projector)
+    monkeypatch.setattr(PtpClock, "zero_s", clock.now_s())
+    found = scanner.capture(STAMP)
+    ended_s = clock.now_s() - PtpClock.zero_s
+    assert found.good, found.said
+    (stamp,) = stamps_ns(found)
+    said = {one.key: one.value for one in scanner.diagnostics(STAMP).status[0].values}["time stamp"]
+    if ahead_s < 0:
+        assert stamp == STAMP
+        assert said == "node; the camera's PTP time is -3600.0 s from it"
+    else:
+        assert STAMP < stamp < STAMP + 1e9 * ended_s
+        assert said == ("PTP, TAI less 37 s" if ahead_s else "PTP")
+    scanner.close()
+    # Without it, the node's clock stays.
+    plain = core.ScannerCore(core.Parameters(**files), made)
+    assert stamps_ns(plain.capture(STAMP)) == {STAMP}
+    plain.close()
+
+
+def test_a_camera_without_ptp_is_named(core, files, store):
+    made = RosMessages(store.types.__getitem__)
+    scanner = core.ScannerCore(core.Parameters(**files, ptp=True), made)
+    found = scanner.capture(STAMP)
+    assert not found.good
+    assert "expected a camera with PTP, got one without; set the parameter ptp" in found.said
 
 
 def test_a_bag_of_the_node_is_read_by_rosbags(core, files, store, tmp_path):

@@ -71,6 +71,7 @@ def test_numbers_are_checked_before_they_are_sent():
         ("error command\n", "it does not know the request; load the sketch"),
         ("error 17\n", "it says 'error 17'"),
         ("maybe\n", "expected 'ok' to 'L 3', got 'maybe'"),
+        ("count 4\n", "expected 'ok' to 'L 3', got 'count 4'"),
         ("", "expected an answer to 'L 3' within 1 s, got nothing"),
         ("ok", "got 'ok' without an end"),
         ("x" * 2000, "without an end"),
@@ -94,6 +95,51 @@ def test_another_device_is_not_taken_for_a_box():
         DeviceProblem, match="expected a serial port /dev/none that this user may use"
     ):
         TriggerBox("/dev/none")
+
+
+class OddBox:
+    """A box on another board: it writes lines of its own, answers late, and ends while it counts."""
+
+    def __init__(self, boot=(), late=0, ends=False):
+        self.boot, self.late, self.ends, self.seen = list(boot), late, ends, 7
+
+    def __call__(self, line):
+        if line == "?":
+            said, self.boot = "".join(f"{one}\r\n" for one in self.boot), []
+            return said + "fringeworks-trigger 1\r\n"
+        if line == "C":
+            if self.late:
+                self.late -= 1
+                time.sleep(1.3)
+            seen, self.seen = self.seen, 0
+            return ("done 10\r\n" if self.ends else "") + f"count {seen}\r\n"
+        return "ok\r\n"
+
+
+def test_lines_of_the_board_before_the_greeting_are_passed_over():
+    boot = ["ESP-ROM:esp32c3-api1-20210207", "entry 0x403cc710", "fringeworks-trigger 1"]
+    with peer(OddBox(boot)) as (_, port), TriggerBox(port) as box:
+        box.lamp(5)
+        assert box.counted() == 7
+
+
+def test_pulses_that_end_while_they_are_counted_are_not_waited_for():
+    with peer(OddBox(ends=True)) as (_, port), TriggerBox(port) as box:
+        box.pulses(10, period_us=1000)
+        assert box.counted() == 7
+        begun = time.monotonic()
+        assert box.wait(2.0) == 10
+        assert time.monotonic() - begun < 0.1
+
+
+def test_a_late_answer_is_not_that_to_the_next_request():
+    with peer(OddBox(late=1)) as (_, port), TriggerBox(port) as box:
+        with pytest.raises(DeviceProblem, match="expected an answer to 'C' within 1 s"):
+            box.counted()
+        box.lamp(3)
+        # The pulses that the late answer counted are not lost.
+        assert box.counted() == 7
+        assert box.counted() == 0
 
 
 def test_an_unplugged_box_is_said_within_a_second():
@@ -152,6 +198,23 @@ def test_a_table_that_does_not_arrive(fault, said):
         pytest.raises(DeviceProblem, match=said),
     ):
         t.turn(10.0)
+
+
+def test_a_table_that_has_not_begun_to_turn_is_waited_for():
+    """Until its motion begins, GRBL says "Idle"."""
+    with table_peer(Grbl(begins_s=0.15)) as (_, port), GrblTable(port, speed_deg_s=100.0) as table:
+        begun = time.monotonic()
+        table.turn(30.0)
+        assert time.monotonic() - begun > 0.45
+
+
+def test_after_a_turn_that_was_held_the_angle_is_unknown():
+    with table_peer(Grbl("Hold")) as (_, port), GrblTable(port, speed_deg_s=400.0) as table:
+        with pytest.raises(DeviceProblem, match="something holds it"):
+            table.turn(10.0)
+        with pytest.raises(DeviceProblem, match="expected a table whose angle is known"):
+            table.turn(20.0)
+        assert table.angle_deg == 0.0
 
 
 def test_tables_that_are_none():

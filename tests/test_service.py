@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import io
 import json
+import os
 import re
 import subprocess
 import sys
@@ -20,6 +22,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 import fringeworks as fw
+from fringeworks.files.setup import StoredSetup
 from fringeworks.service.models import API_VERSION
 from fringeworks.serving.guard import MOST_BYTES
 from tests.json_schema import wrong
@@ -229,6 +232,21 @@ def test_who_may_scan(served, headers, status):
         served.ended(answer.json())
     else:
         assert answer.json()["problem"]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "said"),
+    [
+        # Every scan of a program that leaves its key empty would get the first one's job.
+        ({"key": ""}, "key: String should have at least 1 character"),
+        ({"robot_pose": "1,2,3"}, "robot pose: expected 6, 7, 12 or 16 numbers for a pose, got 3"),
+        ({"robot_pose": "x=1 y=2"}, "robot pose: expected"),
+    ],
+)
+def test_a_wrong_request_is_the_clients_fault(served, wanted, said):
+    answer = served.web.post("/v1/scans", json=wanted)
+    assert answer.status_code == 422
+    assert answer.json()["problem"].startswith(said)
 
 
 def test_a_browser_signs_in_with_the_token(served):
@@ -551,3 +569,47 @@ def test_the_program_of_the_page_runs(served, monkeypatch, capsys):
 def test_every_route_is_on_the_page():
     for path in json.loads(DOCUMENT.read_text("utf-8"))["paths"]:
         assert path.rpartition("/")[2].replace("{number}", "N") in PAGE, path
+
+
+@pytest.mark.parametrize("line", [0, 1])
+def test_the_service_starts_as_the_page_prints_it(tmp_path, line):
+    """Both lines, word for word but for the port; the token is where the page reads it."""
+    printed = [text.strip() for text in PAGE.splitlines() if text.startswith("    fringeworks ")]
+    assert len(printed) == 2
+    rig = fw.devices.virtual_rig()
+    plan = fw.simulate.fringe_plan(rig, both=False)
+    fw.files.write_rig(tmp_path / "rig.toml", rig)
+    fw.files.write_plan(tmp_path / "plan.toml", plan)
+    size = rig.projector.width_px, rig.projector.height_px
+    known = {"projector": "virtual", "camera": "virtual", "settings": fw.devices.CameraSettings()}
+    known |= {"projector_name": "p", "camera_name": "c", "noise": fw.signal.CameraNoise(1.0, 0.0)}
+    known |= {"plan": plan, "predicted_sigma_px": 0.05, "size_px": size, "min_period_px": 8.0}
+    known |= {"modulation": 60.0, "gamma": 1.0, "contrast": 20.0}
+    fw.files.write_setup(tmp_path / "setup.toml", StoredSetup(**known))
+    words = [*printed[line].split()[1:], "--port", "0"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "fringeworks", *words],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={k: v for k, v in os.environ.items() if k != "FRINGEWORKS_TOKEN"}
+        | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )
+    try:
+        address = re.search(r"http://\S+?(?=/$)", process.stdout.readline().strip())[0]
+        token = (tmp_path / "scanner" / "token").read_text().strip()
+        headers = {"authorization": f"Bearer {token}"}
+        with httpx.Client(base_url=address, headers=headers, timeout=90) as web:
+            for _ in range(600):
+                with contextlib.suppress(httpx.TransportError):
+                    if web.get("/health").status_code == 200:
+                        break
+                time.sleep(0.1)
+            job = web.post("/v1/scans", json={"name": "part 17"}).json()
+            cloud = web.get(f"/v1/jobs/{job['number']}/cloud?format=ply&wait_s=60")
+            assert cloud.status_code == 200, cloud.text
+            assert cloud.content.startswith(b"ply")
+    finally:
+        process.terminate()
+        process.wait(30)
+        process.stdout.close()

@@ -21,7 +21,7 @@ void obey() {
   else if (text[0] == 'L' && sscanf(text + 1, "%lu", &n) == 1) { if (n > 255) Serial.println("error range"); else { analogWrite(LAMP, n); Serial.println("ok"); } }
   else if (text[0] == 'P' && sscanf(text + 1, "%lu %lu %lu", &n, &p, &w) == 3) {
     if (left) { Serial.println("error busy"); return; }
-    if (n < 1 || n > 10000 || w < 20 || p < w + 20) { Serial.println("error range"); return; }
+    if (n < 1 || n > 10000 || w < 20 || p < 20 || w > p - 20) { Serial.println("error range"); return; }
     Serial.println("ok"); left = n; made = 0; period = p; width = w; next = micros() + 1000;
   }
   else if (used) { Serial.println("error command"); }

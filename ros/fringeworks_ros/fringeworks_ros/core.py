@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -10,10 +11,17 @@ from typing import Any
 import numpy as np
 
 import fringeworks as fw
-from fringeworks.files.ros_messages import RosMessages
+from fringeworks.devices.clock import clock_of
+from fringeworks.files.ros_messages import NANOSECONDS, RosMessages
 from fringeworks.scan.bench import Bench, Take, open_bench, take, take_in_memory
 from fringeworks.types import FloatMap
 
+TAI_LESS_UTC_S = 37.0
+"""Seconds by which the atomic time that PTP distributes is ahead of UTC, since 2017 (IERS, Bulletin
+C)."""
+STAMPED_S = 1.0
+"""Largest difference of a frame's PTP time from the node's clock when it arrives, s: exposure,
+readout and network. With more, the two count from different moments."""
 OK, WARNING, ERROR = 0, 1, 2
 """Levels of DiagnosticStatus."""
 
@@ -44,6 +52,8 @@ class Parameters:
     """Coordinates of the robot's base, or of its flange with the camera in the hand."""
     auto_exposure: bool = False
     average: int = 1
+    ptp: bool = False
+    """Let the camera's clock follow the network's (PTP), and take the time stamps from it."""
 
     @classmethod
     def names(cls) -> dict[str, str | bool | int]:
@@ -95,7 +105,14 @@ class ScannerCore:
         try:
             if self.rig is None:
                 raise fw.InputError("rig: expected a rig file, got none; calibrate first")
-            stack = take_in_memory(self._devices(), self._how())
+            grabs: list[fw.devices.Grab] = []  # the first of each picture, for its time
+            called_s = time.monotonic()
+            bench = self._devices()
+            # The clock of frames that arrive, at the moment of the node's time stamp.
+            begun_s = clock_of(bench.projector).now_s() - (time.monotonic() - called_s)
+            stack = take_in_memory(
+                bench, self._how(), grabbed=lambda _, some: grabs.extend(some[:1])
+            )
             found = fw.measure(stack, self.rig)
         except fw.InputError as problem:
             return self._failed(problem, stamp_ns)
@@ -104,7 +121,9 @@ class ScannerCore:
         count = int((cloud.reason == fw.Reason.OK).sum())
         worst = max((f.rank for f in cloud.findings), default=0)
         said = f"{count} points, {len(cloud.findings)} findings"
-        self._tell(min(worst, WARNING), said, {"points": count, "seconds": f"{found.seconds:.3f}"})
+        stamp_ns, stamped = self._stamp(grabs[0], stamp_ns, begun_s)
+        values = {"points": count, "seconds": f"{found.seconds:.3f}", "time stamp": stamped}
+        self._tell(min(worst, WARNING), said, values)
         header = self._make.header(stamp_ns, self.parameters.camera_frame)
         messages = {
             "points": self._make.cloud(cloud, header),
@@ -114,6 +133,18 @@ class ScannerCore:
             "findings": self._make.findings(cloud.findings, header, self._device),
         }
         return Answer(True, said, messages)
+
+    def _stamp(self, first: fw.devices.Grab, stamp_ns: int, begun_s: float) -> tuple[int, str]:
+        """Time stamp of a scan, ns: that of its first frame by PTP, where the camera has it; and
+        whose time it is."""
+        if first.clock != "ptp" or first.device_s is None:
+            return stamp_ns, "node"
+        arrived_s = 1e-9 * stamp_ns + (first.host_s - begun_s)
+        for ahead_s, name in ((0.0, "PTP"), (TAI_LESS_UTC_S, "PTP, TAI less 37 s")):
+            if abs(first.device_s - ahead_s - arrived_s) <= STAMPED_S:
+                return round((first.device_s - ahead_s) * NANOSECONDS), name
+        off_s = first.device_s - arrived_s
+        return stamp_ns, f"node; the camera's PTP time is {off_s:+.1f} s from it"
 
     def take_pose(self, stamp_ns: int) -> Answer:
         """Take the frames of one pose of the board."""
@@ -185,7 +216,15 @@ class ScannerCore:
                 camera=given.camera or None,
                 plan=given.plan or None,
             )
-            self._bench = self._opened.enter_context(bench)
+            opened = self._opened.enter_context(bench)
+            if given.ptp:
+                if not isinstance(opened.camera, fw.devices.PtpCamera):
+                    raise fw.DeviceProblem(
+                        f"{opened.camera.name}: expected a camera with PTP, got one without; set "
+                        "the parameter ptp to false"
+                    )
+                opened.camera.synchronise()
+            self._bench = opened
         return self._bench
 
     def _failed(self, problem: Exception, stamp_ns: int) -> Answer:

@@ -139,8 +139,7 @@ class Dlpc900(Timed):
 
     def _greet(self) -> None:
         """Learn what the projector is, and prepare it."""
-        hardware = self._link.read(0x0206, b"", "reads the hardware")
-        number = hardware[0] if hardware else 0
+        number = self._link.read(0x0206, b"", "reads the hardware")[0]
         if number not in SIZES_PX:
             raise DeviceProblem(
                 f"{self._name}: expected one of {', '.join(MODELS.values())}, got hardware number "

@@ -77,7 +77,8 @@ def device_infos() -> list[Any]:
 
     Raises
     ------
-    MissingPackage without genicam; DeviceProblem where no producer is installed, or none loads.
+    MissingPackage without genicam; DeviceProblem where no producer is installed, or no camera is
+    found and a producer fails.
     """
     module, _ = gentl()
     files = producer_files()
@@ -89,12 +90,18 @@ def device_infos() -> list[Any]:
     found, problems = [], []
     for path in files:
         try:
-            for interface in _interfaces_of(path):
-                interface.update_device_info_list(SEARCH_MS)
-                found += list(interface.device_info_list)
+            interfaces = list(_interfaces_of(path))
         except module.GenericException as error:
             problems.append(f"{path.name}: {said(error)}")
-    if not found and len(problems) == len(files):
+            continue
+        for interface in interfaces:
+            try:
+                interface.update_device_info_list(SEARCH_MS)
+                found += list(interface.device_info_list)
+            except module.GenericException as error:
+                problems.append(f"{path.name}: {said(error)}")
+    # A producer that fails may be that of the camera which nobody else has found.
+    if not found and problems:
         raise DeviceProblem(
             f"GenTL cameras: expected a producer that loads, got {'; '.join(problems)}"
         )

@@ -29,6 +29,9 @@ SPARE_S = 5.0
 of heavy tables."""
 RESET, STATUS = b"\x18", b"?"
 """Bytes that GRBL takes at once, without the end of a line: start anew, and report the state."""
+PAUSE = "G4 P0.01"
+"""A pause of 10 ms. GRBL answers it when all turns before it have ended (interface.md,
+"Synchronization")."""
 ERRORS = {
     2: "a number has a wrong format",
     3: "the setting is not known",
@@ -88,7 +91,7 @@ class GrblTable(Closing):
             )
         self._name = f"turntable {port}"
         self._axis, self._units, self._speed = axis, units_per_turn / 360.0, speed_deg_s
-        self._angle_deg = 0.0
+        self._angle_deg, self._lost = 0.0, False
         self._line = SerialLine(port, BAUD, self._name)
         try:
             self._greet()
@@ -111,11 +114,17 @@ class GrblTable(Closing):
         """
         if not finite(angle_deg):
             raise InputError(f"angle_deg: expected a finite angle, got {angle_deg}")
+        if self._lost:
+            raise DeviceProblem(
+                f"{self._name}: expected a table whose angle is known, got one whose last turn was "
+                "not seen to end; open it again where it stands at 0°"
+            )
         way = abs(angle_deg - self._angle_deg)
         feed = abs(self._units) * self._speed * 60.0
         self._ask(f"G90 G1 {self._axis}{self._units * angle_deg:.4f} F{feed:.2f}")
+        self._lost = True
         self._arrive(way / self._speed + SPARE_S)
-        self._angle_deg = angle_deg
+        self._angle_deg, self._lost = angle_deg, False
 
     def close(self) -> None:
         """Release the port; again without effect."""
@@ -124,9 +133,10 @@ class GrblTable(Closing):
     def _greet(self) -> None:
         end_s = time.monotonic() + STARTS_S
         self._line.signal(RESET)
-        said = ""
+        said, wanted = "", "the greeting of GRBL"
         while not said.startswith("Grbl"):
-            said = self._line.line(max(end_s - time.monotonic(), 0.0), "the greeting of GRBL")
+            said = self._line.line(max(end_s - time.monotonic(), 0.0), wanted)
+            wanted = f"the greeting of GRBL after {said[:40]!r}"
         # The position where it stands counts as 0; an alarm after switching on is no fault.
         self._ask("$X")
         self._ask(f"G21 G92 {self._axis}0")
@@ -146,16 +156,20 @@ class GrblTable(Closing):
                 raise DeviceProblem(f"{self._name}: the table refused {command!r}: {known}")
 
     def _arrive(self, within_s: float) -> None:
-        """Wait until the table stands."""
+        """Wait until the table stands: "Idle" is also its state before a turn begins, but a pause
+        is answered after the turn only."""
         end_s = time.monotonic() + within_s
+        self._line.send(PAUSE)
+        paused = False
         while True:
             self._line.signal(STATUS)
             said = self._line.line(ANSWER_S, "the table's state")
             while not said.startswith("<"):
+                paused |= said == "ok"
                 self._heed(said, "the turn")
                 said = self._line.line(ANSWER_S, "the table's state")
             state = said[1:].split("|")[0].split(":")[0].rstrip(">")
-            if state == "Idle":
+            if state == "Idle" and paused:
                 return
             if state in ("Alarm", "Hold", "Door") or time.monotonic() > end_s:
                 raise DeviceProblem(

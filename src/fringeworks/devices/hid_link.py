@@ -84,8 +84,14 @@ class HidLink:
         self._exchange(REPLY, command, data, what)
 
     def read(self, command: int, data: bytes, what: str) -> bytes:
-        """Ask the controller for a value; see ``write``."""
-        return self._exchange(READS | REPLY, command, data, what)
+        """Ask the controller for a value of one byte or more; see ``write``."""
+        reply = self._exchange(READS | REPLY, command, data, what)
+        if not reply:
+            raise DeviceProblem(
+                f"{self._name}: expected a value from the command that {what}, got an answer "
+                "without one: its firmware is another one than that of the guide; update it"
+            )
+        return reply
 
     def close(self) -> None:
         """Release the device; again without effect."""

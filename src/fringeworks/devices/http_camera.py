@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 import http.client
 import io
 import socket
+import string
 import time
 import urllib.parse
 from typing import Any
@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fringeworks.devices.frame_reader import FrameReader, FromReader
+from fringeworks.devices.http_password import Password
 from fringeworks.devices.protocols import CameraLimits, Grab
+from fringeworks.files.limits import told
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, Region
 
 FIRST_FRAME_S = 10.0
@@ -27,12 +29,21 @@ SLOW_PERIODS = 3.0
 """Periods without a byte after which a slow camera counts as gone."""
 MOST_BYTES = 2**26
 """Largest image, bytes: JPEG of 100 megapixels has 50 million."""
+READ_BYTES = 2**16
+"""Bytes that are read at a time."""
 LONGEST_LINE = 2**16
 """Longest line of a header, bytes, as in ``http.client``."""
 MOST_LINES = 100
 """Largest number of lines of a part's header, as in ``http.client``."""
 LUMINANCE = (0.299, 0.587, 0.114)
 """Weights of red, green and blue (ITU-R BT.601)."""
+IMAGES = (b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n")
+"""First bytes of JPEG and PNG."""
+UNTOLD = ("application/octet-stream", "text/plain")
+"""Types of answers that may hold an image: bytes, and what ``http.client`` takes where no type is
+given."""
+MULTIPART = "multipart/"
+"""Beginning of the types of streams. Cameras send x-mixed-replace, and some mixed."""
 GONE = (
     "expected a frame, got none: the camera was unplugged or switched off, or the network is down; "
     "connect it and resume"
@@ -55,12 +66,11 @@ class HttpSource:
 
     def __init__(self, address: str) -> None:
         parts = urllib.parse.urlsplit(address)
-        self._path = urllib.parse.urlunsplit(("", "", parts.path or "/", parts.query, ""))
+        path = urllib.parse.urlunsplit(("", "", parts.path or "/", parts.query, ""))
+        self._path = urllib.parse.quote(path, safe=string.punctuation)
+        """As it is sent: letters beyond ASCII and spaces as %XX."""
         self._headers = {"Accept": "image/jpeg, multipart/x-mixed-replace, image/*"}
-        if parts.username:
-            given = parts.username, parts.password or ""
-            words = ":".join(urllib.parse.unquote(word) for word in given).encode()
-            self._headers["Authorization"] = f"Basic {base64.b64encode(words).decode()}"
+        self._password = Password(parts) if parts.username else None
         secure = parts.scheme == "https"
         made = http.client.HTTPSConnection if secure else http.client.HTTPConnection
         self._connection = made(parts.hostname or "", parts.port, timeout=FIRST_FRAME_S)
@@ -109,55 +119,86 @@ class HttpSource:
 
     def _wait_for(self, silent_s: float) -> None:
         self._connection.timeout = silent_s
-        if self._socket is not None:
+        # A camera that ends each connection has closed its socket.
+        if self._socket is not None and self._socket.fileno() >= 0:
             self._socket.settimeout(silent_s)
 
     def _opened(self) -> bytes:
         """The first image; keeps the stream where the address sends one."""
         answer = self._request()
         kind = answer.headers.get_content_type()
-        if kind.startswith("image/"):
-            return self._read(answer, MOST_BYTES + 1)
-        mark = answer.headers.get_param("boundary")
-        if kind != "multipart/x-mixed-replace" or not isinstance(mark, str):
-            raise DeviceProblem(
-                f"expected an image or a stream of images (multipart/x-mixed-replace), got {kind}"
-            )
-        self._stream, self._mark = answer, b"--" + mark.strip("-").encode()
-        return self._part(answer)
+        if kind.startswith(MULTIPART):
+            mark = answer.headers.get_param("boundary")
+            self._stream = answer
+            self._mark = b"--" + mark.strip("-").encode() if isinstance(mark, str) else b""
+            return self._part(answer)
+        if kind.startswith("image/") or kind in UNTOLD:
+            data = self._read(answer)
+            if kind not in UNTOLD or data.startswith(IMAGES):
+                return data
+        raise DeviceProblem(
+            f"expected an image or a stream of images (multipart/x-mixed-replace), got {kind}"
+        )
 
     def _request(self) -> http.client.HTTPResponse:
-        self._connection.request("GET", self._path, headers=self._headers)
-        # The connection forgets the socket of an answer that has no end.
-        self._socket = self._connection.sock
-        answer = self._connection.getresponse()
+        answer = self._sent()
+        if answer.status == http.client.UNAUTHORIZED and self._password is not None:
+            self._password.asked(answer.headers.get_all("WWW-Authenticate") or [])
+            answer.read(LONGEST_LINE)
+            self._connection.close()
+            answer = self._sent()
         if answer.status != http.client.OK:
-            asks = "; give user:password@ before the host" if answer.status == 401 else ""
             raise DeviceProblem(
-                f"expected an image, got the answer {answer.status} {answer.reason}{asks}"
+                f"expected an image, got the answer {answer.status} {answer.reason}"
+                f"{self._why(answer)}"
             )
         return answer
+
+    def _sent(self) -> http.client.HTTPResponse:
+        """The answer to a request."""
+        known = {} if self._password is None else self._password.headers("GET", self._path)
+        self._connection.request("GET", self._path, headers=self._headers | known)
+        # The connection forgets the socket of an answer that has no end.
+        self._socket = self._connection.sock
+        return self._connection.getresponse()
+
+    def _why(self, answer: http.client.HTTPResponse) -> str:
+        """What to do about an answer without an image, as the end of a sentence."""
+        if answer.status == http.client.UNAUTHORIZED:
+            if self._password is None:
+                return "; give user:password@ before the host"
+            return "; the user or the password is not right"
+        if answer.status in range(300, 400) and (there := answer.headers.get("Location")):
+            return f"; its images are at {told(there)} now: give this address"
+        return ""
 
     def _asked(self) -> bytes:
         """The image that a request gets; on a new connection where the camera ends each."""
         try:
-            return self._read(self._request(), MOST_BYTES + 1)
+            return self._read(self._request())
         except (http.client.RemoteDisconnected, http.client.CannotSendRequest, BrokenPipeError):
             self._connection.close()
-            return self._read(self._request(), MOST_BYTES + 1)
+            return self._read(self._request())
 
-    def _read(self, answer: http.client.HTTPResponse, most: int) -> bytes:
-        data = answer.read(most)
+    def _read(self, answer: http.client.HTTPResponse, length: int = MOST_BYTES + 1) -> bytes:
+        """Bytes of an answer, up to its end."""
+        end_s, data = time.monotonic() + FIRST_FRAME_S, bytearray()
+        while len(data) < length and (some := answer.read1(min(length - len(data), READ_BYTES))):
+            data += some
+            if time.monotonic() > end_s:
+                raise DeviceProblem(f"expected an image within {FIRST_FRAME_S:g} s, got a part")
         if len(data) > MOST_BYTES:
             raise DeviceProblem(f"expected images of {MOST_BYTES} bytes or fewer, got more")
-        # What is left would be taken for the next answer.
-        return data
+        if answer is not self._stream:
+            # The connection takes the next request only after this.
+            answer.close()
+        return bytes(data)
 
     def _part(self, stream: http.client.HTTPResponse) -> bytes:
         """The next image of a stream."""
         length = None
         passed = 0
-        while (line := self._line(stream)).strip().lstrip(b"-") != self._mark.lstrip(b"-"):
+        while not self._begins(line := self._line(stream)):
             passed += len(line)
             if passed > MOST_BYTES:
                 raise DeviceProblem("expected the next image of the stream, got bytes without end")
@@ -172,10 +213,21 @@ class HttpSource:
             return self._unsized(stream)
         if length > MOST_BYTES:
             raise DeviceProblem(f"expected images of {MOST_BYTES} bytes or fewer, got {length}")
-        data = stream.read(length)
+        data = self._read(stream, length)
         if len(data) < length:
             raise DeviceProblem(GONE)
         return data
+
+    def _begins(self, line: bytes) -> bool:
+        """Whether a part begins after a line. Some cameras state another boundary than they send,
+        or none: the first line with two dashes is theirs."""
+        line = line.strip()
+        if self._mark and line.lstrip(b"-") == self._mark.lstrip(b"-"):
+            return True
+        first = self._last_s is None and line.startswith(b"--")
+        if first:
+            self._mark = line
+        return first
 
     def _unsized(self, stream: http.client.HTTPResponse) -> bytes:
         """An image without its length, up to the end that JPEG has."""
@@ -212,12 +264,16 @@ class HttpCamera(FromReader):
     """
 
     def __init__(self, address: str) -> None:
-        parts = urllib.parse.urlsplit(address)
+        try:
+            parts = urllib.parse.urlsplit(address)
+            port = f":{parts.port}" if parts.port else ""
+        except ValueError as error:
+            raise InputError(f"address: expected http://HOST:PORT/PATH, got {error}") from error
         if parts.scheme not in ("http", "https") or not parts.hostname:
             raise InputError(f"address: expected http://HOST/PATH, got {address!r}")
-        port = f":{parts.port}" if parts.port else ""
         # No password: the name is stored with captures.
-        self._name = f"{parts.scheme}://{parts.hostname}{port}{parts.path}"
+        host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
+        self._name = f"{parts.scheme}://{host}{port}{parts.path}"
         self._reader = FrameReader(lambda: self._source(address), self._name)
         try:
             image = self._reader.first(FIRST_FRAME_S).image

@@ -85,26 +85,22 @@ class SerialLine:
                 if text:
                     return text
                 continue
-            if time.monotonic() > end_s or len(self._begun) > LONGEST_LINE:
+            if time.monotonic() > end_s or self.endless:
                 said = self._begun[:40].decode("ascii", errors="replace")
                 got = f"{said!r} without an end" if self._begun else "nothing"
                 raise DeviceProblem(
-                    f"{self._name}: expected {wanted} within {within_s:g} s, got {got}: check the "
-                    "port, the cable and the speed"
+                    f"{self._name}: expected {wanted} within {within_s:.3g} s, got {got}: check "
+                    "the port, the cable and the speed"
                 )
             try:
                 self._begun += self._port.read(max(1, self._port.in_waiting))
             except OSError as error:
                 raise self._gone() from error
 
-    def forget(self) -> None:
-        """Throw away what has arrived."""
-        self._begun = b""
-        if self._port is not None:
-            try:
-                self._port.reset_input_buffer()
-            except OSError as error:
-                raise self._gone() from error
+    @property
+    def endless(self) -> bool:
+        """Whether more has arrived without the end of a line than a line has."""
+        return len(self._begun) > LONGEST_LINE
 
     def close(self) -> None:
         """Release the port; again without effect."""

@@ -22,6 +22,8 @@ Errors are ``error busy``, ``error range`` and ``error command``. The sketch
 
 from __future__ import annotations
 
+import time
+
 from fringeworks.devices.protocols import Closing
 from fringeworks.devices.serial_line import SerialLine
 from fringeworks.types import DeviceProblem, InputError, whole
@@ -34,6 +36,9 @@ STARTS_S = 4.0
 """Longest wait for the greeting, s: boards that restart when their port opens take two."""
 ANSWER_S = 1.0
 """Longest wait for an answer, s."""
+SILENCE_S = 0.3
+"""Pause after which a board that restarts has written its last line, s: an ESP32 writes its lines
+at once, and each takes 5 ms."""
 SHORTEST_US = 20
 """Shortest width of a pulse and shortest time between two, µs: what an Arduino of 16 MHz keeps."""
 LONGEST_US = 2**24 - 1
@@ -65,7 +70,9 @@ class TriggerBox(Closing):
     def __init__(self, port: str) -> None:
         self._name = f"trigger box {port}"
         self._line = SerialLine(port, BAUD, self._name)
-        self._running = False
+        self._running = self._owes = False
+        self._made: int | None = None
+        self._counted = 0
         try:
             self._greet()
         except BaseException:
@@ -73,20 +80,29 @@ class TriggerBox(Closing):
             raise
 
     def _greet(self) -> None:
-        problem = DeviceProblem(f"{self._name}: expected {GREETING!r}, got nothing")
-        # A board that restarts when its port is opened misses the first request.
-        for _ in range(int(STARTS_S / ANSWER_S)):
+        """Ask for the greeting until it comes, and take what came before it."""
+        end_s = time.monotonic() + STARTS_S
+        others: set[str] = set()
+        # A board that restarts when its port is opened misses the first request, and may write
+        # lines of its own.
+        while True:
             self._line.send("?")
-            try:
-                said = self._line.line(ANSWER_S, repr(GREETING))
-            except DeviceProblem as error:
-                problem = error
-                continue
-            if said != GREETING:
-                raise DeviceProblem(f"{self._name}: expected {GREETING!r}, got {said!r}")
-            self._line.forget()
-            return
-        raise problem
+            within_s, heard = ANSWER_S, ""
+            while True:
+                try:
+                    said = self._line.line(within_s, repr(GREETING))
+                except DeviceProblem:
+                    if time.monotonic() > end_s or self._line.endless:
+                        raise
+                    break
+                if said == GREETING:
+                    self._owes = False
+                    return
+                within_s, heard = SILENCE_S, said
+                self._note(said)
+            if heard in others or (heard and time.monotonic() > end_s):
+                raise DeviceProblem(f"{self._name}: expected {GREETING!r}, got {heard!r}")
+            others |= {heard} - {""}
 
     def pulses(self, count: int, *, period_us: int, width_us: int = 100) -> None:
         """Begin to make pulses; ``wait`` returns when they have been made.
@@ -111,7 +127,7 @@ class TriggerBox(Closing):
                 f"longer by {SHORTEST_US} µs or more, got {width_us} µs every {period_us} µs"
             )
         self._ask(f"P {count} {period_us} {width_us}")
-        self._running = True
+        self._running, self._made = True, None
 
     def wait(self, timeout_s: float) -> int:
         """Return the number of pulses that were made, once they are.
@@ -120,9 +136,11 @@ class TriggerBox(Closing):
         ------
         DeviceProblem where they have not ended in time.
         """
-        said = self._line.line(timeout_s, "the end of the pulses")
-        self._running = False
-        return self._number(said, "done")
+        while self._made is None:
+            said = self._line.line(timeout_s, "the end of the pulses")
+            if said != GREETING:
+                self._made, self._running = self._number(said, "done"), False
+        return self._made
 
     def stop(self) -> None:
         """Make no more pulses."""
@@ -131,8 +149,10 @@ class TriggerBox(Closing):
             self.wait(ANSWER_S)
 
     def counted(self) -> int:
-        """Return the number of pulses on the input since the last call."""
-        return self._number(self._ask("C"), "count")
+        """Return the number of pulses on the input since the last call that returned."""
+        found = self._number(self._ask("C", "count"), "count") + self._counted
+        self._counted = 0
+        return found
 
     def lamp(self, level: int) -> None:
         """Dim the lamp: 0 for off, 255 for full light."""
@@ -144,19 +164,36 @@ class TriggerBox(Closing):
         """Release the port; again without effect. Pulses that are going on are made."""
         self._line.close()
 
-    def _ask(self, request: str) -> str:
+    def _ask(self, request: str, wanted: str = "ok") -> str:
+        """Send a request; its answer, which begins with the wanted word."""
+        if self._owes:
+            # The answer to an earlier request may come yet, and is not the one to this.
+            self._greet()
         self._line.send(request)
+        self._owes = True
         said = self._line.line(ANSWER_S, f"an answer to {request!r}")
-        while said.startswith("done"):
+        while said == GREETING or said.startswith("done"):
             # The pulses of an earlier request ended before this one arrived.
-            self._running = False
+            self._note(said)
             said = self._line.line(ANSWER_S, f"an answer to {request!r}")
+        self._owes = False
         if said.startswith("error"):
             known = WORDS.get(said, f"it says {said!r}")
             raise DeviceProblem(f"{self._name}: the box refused {request!r}: {known}")
-        if said != "ok" and not said.startswith("count "):
-            raise DeviceProblem(f"{self._name}: expected 'ok' to {request!r}, got {said!r}")
+        if said.partition(" ")[0] != wanted:
+            self._owes = True
+            raise DeviceProblem(f"{self._name}: expected {wanted!r} to {request!r}, got {said!r}")
         return said
+
+    def _note(self, said: str) -> None:
+        """Keep what a line says that is not the answer: pulses that were made or counted."""
+        word, _, number = said.partition(" ")
+        if not number.isdecimal():
+            return
+        if word == "done" and self._running:
+            self._made, self._running = int(number), False
+        elif word == "count":
+            self._counted += int(number)
 
     def _number(self, said: str, word: str) -> int:
         name, _, number = said.partition(" ")

@@ -31,8 +31,11 @@ from fringeworks.types import FileProblem
 
 JSON = ".json"
 """Suffix of JSON."""
-SUFFIXES = (CSV, ".txt", JSON, ".src", ".dat", ".ls", ".script", ".mod")
-"""Suffixes that are read: tables, JSON, and programs of KUKA, FANUC, UR and ABB."""
+SUFFIXES = (CSV, ".txt", JSON, ".yaml", ".yml", ".src", ".dat", ".ls", ".script", ".mod")
+"""Suffixes that are read: tables, JSON, messages of ROS as ``ros2 topic echo`` prints them, and
+programs of KUKA, FANUC, UR and ABB."""
+REMARKS = (*COMMENTS, ";", "!", "//")
+"""Beginnings of lines that say nothing: of tables, KUKA, ABB and FANUC, and others."""
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 """A number as text."""
 PAIR = re.compile(rf"(?<![\w.])([A-Za-z]{{1,5}})\s*[=:]?\s*({NUMBER})\s*(mm|m|deg|rad)?(?![\w.])")
@@ -64,8 +67,14 @@ TURNS: dict[tuple[str, ...], tuple[RotationKind, ...]] = {
     ("alpha", "beta", "gamma"): EULER_KINDS,
 }
 """Names of rotations in the order in which they are kept, and what they may mean."""
+QUATERNIONS = [sorted(names) for names in (*TURNS, ("x", "y", "z", "w")) if len(names) == 4]
+"""Letters of quaternions in pairs of letters and values."""
 NAMES = ("name", "pose", "view", "capture", "file", "folder", "id", "index", "number", "frame")
 """Columns with the names of poses."""
+OTHER = "-"
+"""Name of columns that hold nothing of a pose."""
+POSE_KEYS = {*PLACE, *(key for names in TURNS for key in names)}
+"""Names of columns that hold a part of a pose."""
 SHIFTS = ("position", "translation", "pos", "xyz", "t", "p")
 """Names of a group with a position."""
 GROUPS = ("orientation", "rotation", "quaternion", "rot", "q", "r", "euler", "rpy")
@@ -78,6 +87,14 @@ SPELLINGS = {"tx": "x", "ty": "y", "tz": "z", "px": "x", "py": "y", "pz": "z"}
 """Other names of a position."""
 UNIT = re.compile(r"[\s_]*[\[(]?(mm|m|deg|degrees|rad|°)[\])]?$")
 """A unit at the end of a name."""
+TCP_POSE = re.compile(r"(?:actual|target)_tcp_pose_[0-5]")
+"""Columns of the pose in a recording of UR's interface RTDE: metres and a rotation vector."""
+AXES = re.compile(r"(?:q|j|joint_?|a|axis_?)[1-9]")
+"""Columns with angles of a robot's axes."""
+LEAST_AXES = 5
+"""Number of such columns from which on they are axes, and no quaternion q1 to q4."""
+ORDER = re.compile(r"(?:quat|quaternion|orientation|rotation)_(wxyz|xyzw)")
+"""Names of a quaternion that say in which order it stands."""
 UNIT_WORDS = {"degrees": "deg", "°": "deg"}
 """Units in the words of a reading."""
 MOST_POSES = 100_000
@@ -105,8 +122,9 @@ def read_robot_poses(path: StrPath, poses_as: str = "") -> RobotPoses:
     path : path
         ``.csv`` or ``.txt``: a pose per line, perhaps with a header, in which names tell what they
         can; ``.json``: a list of poses, or names with poses, as lists, matrices, or with
-        ``position`` and ``orientation`` as ROS has them; programs or parts of them with poses of
-        KUKA ({X …, A …}), FANUC (X = … mm), UR (p[…]) and ABB ([[…],[…]]).
+        ``position`` and ``orientation`` as ROS has them; ``.yaml``: such messages as ROS prints
+        them; programs or parts of them with poses of KUKA ({X …, A …}), FANUC (X = … mm), UR (p[…])
+        and ABB ([[…],[…]]).
     poses_as : str
         How they are written, as far as the file does not say; see ``robot_poses``.
 
@@ -184,7 +202,7 @@ def _arrangement(pose: Written) -> tuple[list[int], tuple[RotationKind, ...]]:
 def _from_text(text: str) -> list[Written]:
     """Poses of a program or of a table."""
     lines = [line.strip() for line in text.splitlines()]
-    body = "\n".join(line for line in lines if line and not line.startswith(COMMENTS))
+    body = "\n".join(line for line in lines if line and not line.startswith(REMARKS))
     found = [
         Written([float(n) for n in one.split(",")], words=("ur",)) for one in UR_POSE.findall(body)
     ]
@@ -196,19 +214,26 @@ def _from_text(text: str) -> list[Written]:
 
 
 def _from_pairs(text: str) -> list[Written]:
-    """Poses of letters with values: x, y and z, then the three letters that follow."""
+    """Poses of letters with values: x, y and z, then a quaternion or the three letters that
+    follow."""
+    pairs = [(key.lower(), float(number), unit) for key, number, unit in PAIR.findall(text)]
+    keys = [key for key, _, _ in pairs]
+    starts = [k for k, key in enumerate(keys) if key == "x"]
     found: list[Written] = []
-    for key, number, unit in PAIR.findall(text):
-        name = key.lower()
-        if name == "x":
-            found.append(Written())
-        if not found or len(found[-1].numbers) == 6:
+    used = 0
+    for at, following in zip(starts, [*starts[1:], len(keys)], strict=False):
+        four = tuple(keys[at + 3 : at + 7])
+        count = 7 if sorted(four) in QUATERNIONS else 6
+        # Six letters end before the next x; a quaternion of ROS has an x of its own.
+        if at < used or (count == 6 and following - at < count):
             continue
-        pose = found[-1]
-        pose.numbers.append(float(number))
-        pose.keys += (name,)
-        pose.words += (unit,) if unit and unit not in pose.words else ()
-    return [pose for pose in found if len(pose.numbers) == 6]
+        used = at + count
+        turn = four if count == 7 else four[:3]
+        names = tuple(f"q{key}" if count == 7 and len(key) == 1 else key for key in turn)
+        units = dict.fromkeys(unit for _, _, unit in pairs[at:used] if unit)
+        numbers = [number for _, number, _ in pairs[at:used]]
+        found.append(Written(numbers, (*keys[at : at + 3], *names), words=tuple(units)))
+    return found
 
 
 def _from_table(lines: Sequence[str]) -> list[Written]:
@@ -223,19 +248,43 @@ def _from_table(lines: Sequence[str]) -> list[Written]:
     if header is None:
         return [_unnamed(row) for row in rows]
     keys, words = _columns(header)
+    if rows and not any(_is_number(cell) for cell in rows[0]):
+        # A second line with the units of the columns.
+        units = _columns([f"{key}_{cell}" for key, cell in zip(keys, rows[0], strict=False)])[1]
+        words, rows = tuple(dict.fromkeys(words + units)), rows[1:]
+    keys, words = _chosen(keys, words)
     found = []
-    for number, row in enumerate(rows, 2):
+    for number, row in enumerate(rows, len(lines) - len(rows) + 1):
         if len(row) != len(header):
             raise FileProblem(f"line {number}: expected {len(header)} cells, got {len(row)}")
-        chosen = [(key, cell) for key, cell in zip(keys, row, strict=True) if key not in NAMES]
+        known = (*NAMES, OTHER)
+        chosen = [(key, cell) for key, cell in zip(keys, row, strict=True) if key not in known]
         name = next((cell for key, cell in zip(keys, row, strict=True) if key in NAMES), "")
         numbers = [(key, float(cell)) for key, cell in chosen if _is_number(cell)]
         found.append(_of_columns(numbers, name, words))
     return found
 
 
+def _chosen(keys: list[str], words: tuple[str, ...]) -> tuple[list[str], tuple[str, ...]]:
+    """Names of the columns of a pose; others, such as angles of axes, become "name"."""
+    pose = [key for key in keys if TCP_POSE.fullmatch(key)]
+    stems = {key.rpartition("_")[0] for key in pose}
+    if pose and not set(PLACE) <= set(keys):
+        # Measured poses, where those that were wanted are there as well.
+        stem = min(stems)
+        place = {f"{stem}_{k}": key for k, key in enumerate((*PLACE, "rx", "ry", "rz"))}
+        return [place.get(key, OTHER) for key in keys], (*words, "ur")
+    axes = [key for key in keys if AXES.fullmatch(key)]
+    if len(axes) >= LEAST_AXES:
+        keys = [OTHER if key in axes else key for key in keys]
+    twice = [key for key in keys if key in POSE_KEYS and keys.count(key) > 1]
+    if twice:
+        raise FileProblem(f"expected each column once, got {told(twice[0])} twice")
+    return keys, words
+
+
 def _cells(line: str, separator: str | None) -> list[str]:
-    cells = [cell.strip().strip("\"'") for cell in line.split(separator)]
+    cells = [cell.strip().strip("\"'[](){}").strip() for cell in line.split(separator)]
     # A comma is the decimal point where semicolons or tabs separate.
     return [c.replace(",", ".") for c in cells] if separator in (";", "\t") else cells
 
@@ -320,6 +369,10 @@ def _of_json(value: Any) -> Written:
     turn = next((parts[k] for k in GROUPS if isinstance(parts.get(k), list | dict)), None)
     if shift is not None and turn is not None:
         return _with(_of_parts(shift, turn), (), name)
+    for key, part in parts.items():
+        order = ORDER.fullmatch(key)
+        if order is not None and shift is not None and isinstance(part, list):
+            return _with(_of_parts(shift, part), (order[1],), name)
     for key in WRAPPERS:
         if isinstance(parts.get(key), list | dict):
             said = (DIRECTIONS[key],) if key in DIRECTIONS else ()

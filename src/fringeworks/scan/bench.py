@@ -19,7 +19,7 @@ from fringeworks.files.plan import read_plan
 from fringeworks.files.setup import StoredSetup, read_setup
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.capture import capture, capture_in_memory
-from fringeworks.scan.frames import Progress
+from fringeworks.scan.frames import Grabbed, Progress
 from fringeworks.scan.hdr import capture_hdr
 from fringeworks.scan.saturation import MOST_SATURATED
 from fringeworks.stack.frames import Stack
@@ -208,9 +208,14 @@ def take(
 
 
 def take_in_memory(
-    bench: Bench, how: Take | None = None, *, progress: Progress = lambda _: None
+    bench: Bench,
+    how: Take | None = None,
+    *,
+    progress: Progress = lambda _: None,
+    grabbed: Grabbed = lambda *_: None,
 ) -> Stack:
-    """Take the frames of a bench's plan and keep them in memory; see ``take``.
+    """Take the frames of a bench's plan and keep them in memory; see ``take``, and ``take_frames``
+    for ``grabbed``.
 
     Raises
     ------
@@ -229,4 +234,5 @@ def take_in_memory(
         average=how.average,
         most_saturated=how.most_saturated,
         progress=progress,
+        grabbed=grabbed,
     )

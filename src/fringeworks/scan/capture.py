@@ -16,7 +16,7 @@ from fringeworks.files.capture_writer import (
 )
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.exposure import auto_exposure
-from fringeworks.scan.frames import Progress, check_plan, seeing_colours, take_frames
+from fringeworks.scan.frames import Grabbed, Progress, check_plan, seeing_colours, take_frames
 from fringeworks.scan.saturation import MOST_SATURATED
 from fringeworks.stack.colour_steps import unmix
 from fringeworks.stack.frames import Stack, step_of
@@ -146,8 +146,10 @@ def capture_in_memory(
     average: int = 1,
     most_saturated: float = MOST_SATURATED,
     progress: Progress = lambda _: None,
+    grabbed: Grabbed = lambda *_: None,
 ) -> Stack:
-    """Take the frames of a plan as ``capture`` does, and keep them in memory.
+    """Take the frames of a plan as ``capture`` does, and keep them in memory; ``grabbed`` as for
+    ``take_frames``.
 
     Returns
     -------
@@ -170,6 +172,7 @@ def capture_in_memory(
         average=average,
         most_saturated=most_saturated,
         progress=progress,
+        grabbed=grabbed,
     )
     frames = [frame for _, frame in taken]
     shown = used.region

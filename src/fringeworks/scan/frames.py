@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.devices.memory_projector import MemoryProjector
-from fringeworks.devices.protocols import Camera, ColourCamera, ColourProjector, Projector
+from fringeworks.devices.protocols import Camera, ColourCamera, ColourProjector, Grab, Projector
 from fringeworks.devices.sequencer import SequenceProjector
 from fringeworks.patterns.encode import encode, refuse_colours
 from fringeworks.patterns.plan import PatternPlan
@@ -26,6 +26,8 @@ from fringeworks.types import Delay, InputError
 
 Progress = Callable[[str], None]
 """Called with the label of a frame when it was taken."""
+Grabbed = Callable[[int, list[Grab]], None]
+"""Called with the number of a picture and the camera's frames of it, which have their times."""
 MOST_AVERAGED = 255
 """Largest number of frames that are averaged for a picture: a sixteenth of the noise of one frame.
 More would average the drift of the lamp."""
@@ -41,6 +43,7 @@ def take_frames(
     only: Iterable[int] | None = None,
     most_saturated: float = MOST_SATURATED,
     progress: Progress = lambda _: None,
+    grabbed: Grabbed = lambda *_: None,
 ) -> Iterator[tuple[int, NDArray[Any]]]:
     """Show the pictures of a plan and take a frame of each.
 
@@ -64,6 +67,9 @@ def take_frames(
         Largest share of the lit pixels that may be saturated, 0…1. With more, the frames are
         refused: a shorter exposure is needed.
     progress : callable
+    grabbed : callable
+        Called with the number of every picture and the frames as the camera gave them, such as for
+        their times.
 
     Yields
     ------
@@ -80,7 +86,8 @@ def take_frames(
     if not 1 <= average <= MOST_AVERAGED:
         raise InputError(f"average: expected 1 to {MOST_AVERAGED} frames, got {average}")
     with seeing_colours(camera, plan):
-        yield from _taken(projector, camera, plan, delay, average, only, most_saturated, progress)
+        told = progress, grabbed
+        yield from _taken(projector, camera, plan, delay, average, only, most_saturated, told)
 
 
 def _taken(
@@ -91,9 +98,10 @@ def _taken(
     average: int,
     only: Iterable[int] | None,
     most_saturated: float,
-    progress: Progress,
+    told: tuple[Progress, Grabbed],
 ) -> Iterator[tuple[int, NDArray[Any]]]:
     """The frames of a camera that delivers what the plan needs; see ``take_frames``."""
+    progress, grabbed = told
     taker = taker_of(projector, camera, delay)
     labels = plan.picture_labels()
     if not isinstance(projector, MemoryProjector | SequenceProjector):
@@ -102,6 +110,7 @@ def _taken(
     for number, grabs in taker.frames(pictures_of(projector, plan, only), average, guard):
         note = taker.notes.get(number, "") if isinstance(taker, PulseTaker) else ""
         progress(labels[number] + note)
+        grabbed(number, grabs)
         yield number, _mean([grab.pixels for grab in grabs])
 
 

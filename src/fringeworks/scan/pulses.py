@@ -164,14 +164,22 @@ class PulseTaker:
             )
         return grabs
 
+    def _why_none(self) -> str:
+        """What to do where no pulse exposed a frame, as the end of a sentence."""
+        name = self._projector.name
+        ask = getattr(self._projector, "status", None)
+        said = _said(ask()) if callable(ask) else ""
+        if said:
+            return f"{name} says: {said}"
+        return f"connect the trigger output of {name} to the camera's input, and check its level"
+
     def _tell(self, part: Sequence[Picture], missing: list[int] | None, count: int) -> None:
         """Note which pulses got no frame, and refuse a camera that misses too many."""
         sent = len(part)
         if not count:
             raise DeviceProblem(
                 f"{self._camera.name}: expected a frame for each of {sent} pulses, got none: "
-                f"connect the trigger output of {self._projector.name} to the camera's input, and "
-                "check its level"
+                f"{self._why_none()}"
             )
         if sent - count > max(1.0, MOST_LOST * sent):
             raise DeviceProblem(
@@ -187,6 +195,14 @@ class PulseTaker:
             said = f"pulse {named} of {sent} got no frame"
         self.lost.append(said)
         self.notes |= {part[k].number: f" (taken again: {said})" for k in again}
+
+
+def _said(status: object) -> str:
+    """Why a projector shows nothing, by what it says of itself; empty where it says nothing."""
+    problems = [str(one) for one in getattr(status, "problems", ())]
+    if getattr(status, "parked", False):
+        problems.append("its mirrors are parked; switch it off and on")
+    return "; ".join(problems)
 
 
 def places(grabs: Sequence[Grab], count: int, period_s: float, name: str) -> list[int] | None:

@@ -8,6 +8,8 @@ import numpy as np
 
 from fringeworks.files.atomic import replacing
 from fringeworks.files.npz import write_members
+from fringeworks.files.point_table import PointTable
+from fringeworks.files.point_writers import write_table_as_ply
 from fringeworks.files.points import CLOUD, read_cloud, write_points
 from fringeworks.files.robot_poses import parse_robot_pose
 from fringeworks.rig.robot.base import in_base
@@ -42,7 +44,12 @@ def placed(cloud: PointCloud, rig: Rig, wanted: ScanRequest | MeasureRequest) ->
     """
     if wanted.robot_pose is None:
         return in_base(cloud, rig)
-    return in_base(cloud, rig, parse_robot_pose(wanted.robot_pose, wanted.poses_as))
+    try:
+        pose = parse_robot_pose(wanted.robot_pose, wanted.poses_as)
+    except FileProblem as error:
+        # No file of the service: the request is wrong.
+        raise InputError(str(error)) from error
+    return in_base(cloud, rig, pose)
 
 
 def check_frame(rig: Rig, wanted: ScanRequest | MeasureRequest, frame: FrameName) -> None:
@@ -77,9 +84,6 @@ def write_cloud(path: Path, cloud: PointCloud, form: Format) -> None:
 
 def write_cloud_in_half(path: Path, cloud: PointCloud, form: Format) -> None:
     """Write a cloud into a folder that is not whole yet; whoever makes it whole syncs its files."""
-    if form == "ply":
-        write_points(path, cloud)
-        return
     try:
         _write(path, cloud, form)
     except OSError as error:
@@ -90,6 +94,8 @@ def _write(path: Path, cloud: PointCloud, form: Format) -> None:
     if form == "npz":
         # Compressing takes longer than measuring.
         write_members(path, CLOUD.arrays(cloud), compressed=False)
+    elif form == "ply":
+        write_table_as_ply(path, PointTable(cloud, "points"))
     else:
         path.write_bytes(depth_bytes(cloud))
 

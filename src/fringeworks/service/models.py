@@ -35,6 +35,7 @@ class _Wanted(_Given):
     )
     key: str | None = Field(
         None,
+        min_length=1,
         max_length=MOST_LETTERS,
         description="A request with the key of an earlier one gets that one's job: a program that "
         "missed the answer sends its request again.",

@@ -242,11 +242,13 @@ def measured(
     remove_isolated: bool,
     out: Decoded | None,
     keep_blur: bool = False,
+    raised: dict[Axis, FloatMap] | None = None,
 ) -> Decoded:
     """Decode judged frames along all axes.
 
     ``kernels`` are those of the findings. ``typical_px`` is the typical difference of neighbours;
-    axes that it lacks are added from these frames.
+    axes that it lacks are added from these frames. ``raised`` is by how much neighbours raised σ of
+    each pixel before, which is taken again for the axes that it has, and kept for the others.
     """
     maps = {}
     details: dict[str, Any] = {}
@@ -258,7 +260,17 @@ def measured(
         if remove_isolated and axis not in typical_px:
             typical_px[axis] = typical_step(found, results)
         typical = typical_px.get(axis)
-        blur_px = compare_neighbours(found, results, typical_px=typical, keep_blur=keep_blur)
+        given = None if raised is None else raised.get(axis)
+        if given is None:
+            plain = results["sigma"].copy() if raised is not None else None
+            blur_px = compare_neighbours(found, results, typical_px=typical, keep_blur=keep_blur)
+            if raised is not None and plain is not None and not found.blurred:
+                raised[axis] = _raised(results["sigma"], plain)
+        else:
+            # Without the steps that only raise σ, coordinates and reasons are the same.
+            steady = replace(found, scatters=False, edges=False, pull_px=0.0, most_blur_px2=0.0)
+            blur_px = compare_neighbours(steady, results, typical_px=typical, keep_blur=keep_blur)
+            results["sigma"] *= given
         details[axis] = findings.details[axis] | {"removed_blur_px": blur_px}
         maps[axis] = coordinate_map(found.decoding, results, keep_phases)
     return Decoded(
@@ -268,6 +280,17 @@ def measured(
         findings=findings.findings,
         details=details,
     )
+
+
+def _raised(sigma: FloatMap, plain: FloatMap) -> FloatMap:
+    """By how much σ of every pixel is raised, (h, w), at least 1; for pixels that were not measured
+    as much as for the others in the mean square."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        factors = np.maximum(sigma / plain, np.float32(1.0))
+    known = np.isfinite(factors)
+    mean = np.mean(factors[known].astype(np.float64) ** 2) if known.any() else 1.0
+    factors[~known] = np.sqrt(mean)
+    return factors
 
 
 def measure_axis(

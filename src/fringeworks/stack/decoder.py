@@ -140,6 +140,7 @@ class Decoder:
         self._triangulator = None if rig is None else Triangulator(rig)
         self._found: Judgement | None = None
         self._judged, self._ambiguous = False, 0
+        self._raised: dict[Axis, FloatMap] = {}
         self._left_out: set[Axis | None] = set()
         """Axes of which hardly a pixel can be measured."""
         self._kernels: dict[Axis, _core.DecodeSettings] = {}
@@ -235,7 +236,7 @@ class Decoder:
         whole = found is not None and _in_one_pass(found) and not self._left_out
         if self._since == 0 or self._depth or not whole:
             judged = self._since == 0
-            decoded = self._coordinates(planes)
+            decoded = self._coordinates(planes, steady=True)
             self._cloud = triangulator.triangulate(
                 decoded, epipolar_px=self._epipolar_px, out=self._cloud
             )
@@ -319,10 +320,12 @@ class Decoder:
         top = np.float32(UNMIXED_TOP)
         return [np.where(frame < stack.saturation, frame, top) for frame in stack.frames]
 
-    def _coordinates(self, planes: Planes) -> Decoded:
-        """Decode checked frames, and judge them where it is time to."""
+    def _coordinates(self, planes: Planes, *, steady: bool = False) -> Decoded:
+        """Decode checked frames, and judge them where it is time to. ``steady``: between judged
+        stacks σ is raised where neighbours scattered in the last judged one."""
         if self._since == 0:
             self._judge(planes)
+            self._raised = {}
         assert self._found is not None
         options = self._options
         keeps_phases = options.get("keep_phases", False)
@@ -334,6 +337,7 @@ class Decoder:
             keep_phases=keeps_phases,
             remove_isolated=options.get("remove_isolated", True),
             keep_blur=options.get("keep_blur", False),
+            raised=self._raised if steady else None,
             out=None if keeps_phases else self._decoded,
         )
         judged = self._since == 0

@@ -34,7 +34,7 @@ def _clean(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.usefixtures("_clean")
+@pytest.mark.usefixtures("_clean", "_samples")
 @pytest.mark.parametrize(
     "example",
     [

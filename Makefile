@@ -136,7 +136,7 @@ again: $(VENV)/.ready
 
 # What was built and what ran on each platform, as docs/platforms.md: the wheels in WHEELS are looked at, and installed into an empty
 # environment of each of PYTHONS; TARGETS are built first, with zig, and EMULATE runs Python of another machine, as in
-# EMULATE='aarch64=qemu-aarch64 -L /arm /arm/usr/bin/python3.11'.
+# EMULATE='aarch64=qemu-aarch64 -L /arm /arm/usr/bin/python3.11' or 'musl-x86_64=/musl/bin/python3.11'.
 WHEELS ?= dist
 PYTHONS ?= $(PYTHON)
 platforms: $(RELEASE_VENV)/.ready

@@ -84,6 +84,6 @@ def test_patterns_of_slmaster_are_decoded_by_its_plan(tmp_path):
         frame = np.tile(np.round(20 + 0.7 * row).astype(np.uint8), (40, 1))
         Image.fromarray(frame).save(tmp_path / "L" / f"{k}.bmp")
     found = names["slmaster"](str(tmp_path), tmp_path / "plan.toml").x
-    error = found.px - x
+    error = found.coordinate_px - x
     assert np.mean(np.isfinite(error)) > 0.99
     assert np.nanmax(np.abs(error)) < 0.5

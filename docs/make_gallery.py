@@ -33,6 +33,8 @@ WITHOUT_PICTURE = {"vendor_camera.py"}
 
 
 PAGE = ROOT / "docs" / "gallery.md"
+SAMPLES = ROOT / "samples"
+"""Folder of the archive that ``make samples`` makes."""
 SECTIONS = {
     "pair.py": "A pair of photographs",
     "single_frame.py": "A single photograph",
@@ -53,7 +55,8 @@ LONG = {"vendor_camera.py"}
 """Examples that are too long for the page."""
 INTRODUCTION = """# Gallery
 
-Every example is a short script in `examples/`. It runs as it is, without hardware, in a few seconds:
+Every example is a short script in `examples/`. It runs as it is, without hardware, in a few
+seconds:
 
     python examples/pair.py
 
@@ -160,4 +163,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    os.environ.setdefault("FRINGEWORKS_SAMPLES", str(SAMPLES))
     main()

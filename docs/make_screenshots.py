@@ -1,4 +1,5 @@
-"""Write the screenshots of docs/report.md and docs/viewer.md from a report: make screenshots.
+"""Write the screenshots of docs/report.md and docs/viewer.md from a report of the demo, and the
+pictures that the demo draws: make screenshots.
 
 Wants Chromium and Playwright, as the tests do. Pictures are reduced to 256 colours to stay small.
 """
@@ -22,6 +23,8 @@ KEYS = {"camera": "1", "left": "2", "right": "3", "above": "4", "oblique": "5"}
 """Keys of the five views."""
 LAYERS = ("sigma", "modulation", "texture", "reason", "plain")
 """Layers that are shown beside the depth."""
+OF_THE_DEMO = ("camera.png", "rig_bust.png")
+"""Pictures of the demo on pages."""
 
 
 def save(content: bytes, path: Path) -> None:
@@ -42,6 +45,8 @@ def opened(browser: Any, report: Path, width: int, height: int, scheme: str) -> 
 
 def main(report: Path) -> None:
     """Take all screenshots of a report with a point cloud in its first chapter."""
+    for name in OF_THE_DEMO:
+        save((report.parent / name).read_bytes(), IMAGES / name)
     with sync_playwright() as driver:
         program = shutil.which("chromium") or shutil.which("chromium-browser")
         browser = driver.chromium.launch(executable_path=program, args=ARGUMENTS)

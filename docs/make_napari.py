@@ -1,8 +1,8 @@
 """Write docs/images/napari.png: the plug-in measures the ball of the sample data: make napari.
 
 Wants a screen, real or virtual (Xvfb), and napari with a Qt. On Debian, Qt 6 needs the packages
-libxcb-cursor0, libxcb-icccm4, libxcb-keysyms1, libxcb-image0 and libxkbcommon-x11-0. The button of the widget is pressed as
-a visitor would.
+libxcb-cursor0, libxcb-icccm4, libxcb-keysyms1, libxcb-image0 and libxkbcommon-x11-0. The button of
+the widget is pressed as a visitor would.
 """
 
 from __future__ import annotations

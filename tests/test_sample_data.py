@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import sys
 import types
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import fringeworks as fw
@@ -115,3 +117,20 @@ def test_a_release_has_the_archive_that_the_package_knows(tmp_path, monkeypatch,
     workflow = (ROOT / ".github" / "workflows" / "release.yml").read_text()
     assert "make samples" in workflow
     assert "find dist bill samples SHA256SUMS" in workflow
+
+
+@pytest.mark.usefixtures("_samples")
+def test_the_views_merge_as_the_page_says():
+    """Its lower half is a block of 70 × 50 × 30 mm about the axis."""
+    text = (ROOT / "docs" / "python" / "fw-data.md").read_text(encoding="utf-8")
+    code = next(b for b in re.findall(r"^```python\n(.*?)^```", text, re.M | re.S) if "four_" in b)
+    names = {"fw": fw, "np": np}
+    exec(code, names)
+    merged = names["four_sides"]()
+    assert len(merged.poses) == 4
+    assert not [f for f in merged.findings if f.severity == "warning"]
+    place = merged.fused.points.xyz_mm - np.array([0.0, 0.0, 510.0])
+    beyond = np.abs(place[place[:, 1] > -15.0]) - np.array([35.0, 25.0, 15.0])
+    distance = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+    assert len(distance) > 15_000
+    assert np.quantile(np.abs(distance), 0.99) < 0.08

@@ -62,7 +62,8 @@ def views() -> Path:
     Returns
     -------
     Path of a folder: ``view_0`` to ``view_3`` are the captures, with the true depth in
-    ``truth.npz`` of each; ``rig.toml`` is the rig that took them.
+    ``truth.npz`` of each; ``rig.toml`` is the rig that took them. The axis of the table is along y,
+    through (0, 0, 510) mm in camera coordinates.
 
     Raises
     ------

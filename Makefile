@@ -1,4 +1,4 @@
-# demo · unit · test · thorough · long · faults · fuzz · fuzz-guided · kills · check · bench · docs · pages · theory · figures · gallery · screenshots · look · wheel · again ·
+# demo · unit · test · thorough · long · faults · fuzz · fuzz-guided · kills · check · bench · docs · pages · theory · figures · gallery · napari · screenshots · look · wheel · again ·
 # platforms · samples · pins · audit · others: the only entry points. Each makes its own .venv and needs nothing but python3 (3.11 or later), cargo and make.
 
 PYTHON ?= python3
@@ -7,6 +7,7 @@ BENCH_VENV := $(CURDIR)/.venv-bench
 WHEEL_VENV := $(CURDIR)/.venv-wheel
 AUDIT_VENV := $(CURDIR)/.venv-audit
 RELEASE_VENV := $(CURDIR)/.venv-release
+NAPARI_VENV := $(CURDIR)/.venv-napari
 BIN := $(VENV)/bin
 PIP := -m pip install --quiet --disable-pip-version-check
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
@@ -14,7 +15,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 RUST := Cargo.toml Cargo.lock $(shell find crates -name '*.rs' -o -name Cargo.toml)
 WORK ?=
 
-.PHONY: demo unit test thorough long faults fuzz kills check bench docs gallery clean screenshots look wheel audit again platforms pins pages fuzz-guided others samples theory figures
+.PHONY: demo unit test thorough long faults fuzz kills check bench docs gallery clean screenshots look wheel audit again platforms pins pages fuzz-guided others samples theory figures napari
 
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
@@ -101,15 +102,22 @@ docs: $(VENV)/.built
 theory: $(VENV)/.built
 	$(BIN)/python docs/make_theory_pdf.py
 
-# All figures of the documentation anew; wants Chromium.
-figures: gallery screenshots
+# All figures of the documentation anew; wants Chromium and Xvfb. That of the benchmarks belongs to what `make bench` measures.
+figures: gallery screenshots napari
 
-# The page and the pictures of the examples, and the pictures of docs/concepts.md.
-gallery: $(VENV)/.built
+# The page and the pictures of the examples, the pictures of docs/concepts.md, and the notebook with its outputs.
+gallery: $(VENV)/.built samples
 	SOURCE_DATE_EPOCH=0 $(BIN)/python docs/make_gallery.py
 	$(BIN)/python docs/make_concepts.py
+	$(BIN)/python docs/make_notebook.py
 
-# The pictures of docs/report.md, docs/viewer.md and docs/studio.md; wants Chromium.
+# The screenshot of napari, which has an environment of its own; wants Xvfb.
+napari: $(VENV)/.built samples
+	$(PYTHON) -m venv $(NAPARI_VENV)
+	VIRTUAL_ENV=$(NAPARI_VENV) PATH=$(NAPARI_VENV)/bin:$$PATH PIP_CONSTRAINT= $(NAPARI_VENV)/bin/python $(PIP) '.[napari]' pyqt6
+	xvfb-run -a -s '-screen 0 1400x1000x24' $(NAPARI_VENV)/bin/python docs/make_napari.py
+
+# The pictures of docs/report.md, docs/viewer.md and docs/studio.md, and those of the demo; wants Chromium.
 screenshots: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
 	$(BIN)/python docs/make_screenshots.py demo/bust.html
@@ -136,7 +144,7 @@ again: $(VENV)/.ready
 
 # What was built and what ran on each platform, as docs/platforms.md: the wheels in WHEELS are looked at, and installed into an empty
 # environment of each of PYTHONS; TARGETS are built first, with zig, and EMULATE runs Python of another machine, as in
-# EMULATE='aarch64=qemu-aarch64 -L /arm /arm/usr/bin/python3.11'.
+# EMULATE='aarch64=qemu-aarch64 -L /arm /arm/usr/bin/python3.11' or 'musl-x86_64=/musl/bin/python3.11'.
 WHEELS ?= dist
 PYTHONS ?= $(PYTHON)
 platforms: $(RELEASE_VENV)/.ready
@@ -174,7 +182,7 @@ $(RELEASE_VENV)/.ready: requirements/release.txt requirements/hashed-release.txt
 	@touch $@
 
 clean:
-	rm -rf $(VENV) $(BENCH_VENV) $(WHEEL_VENV) $(AUDIT_VENV) $(RELEASE_VENV) target site demo dist
+	rm -rf $(VENV) $(BENCH_VENV) $(WHEEL_VENV) $(AUDIT_VENV) $(RELEASE_VENV) $(NAPARI_VENV) target site demo dist
 
 $(VENV)/.ready: requirements/dev.txt requirements/test.txt constraints.txt
 	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) is missing: install Python 3.11 or later"; exit 1; }

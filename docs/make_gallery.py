@@ -33,6 +33,8 @@ WITHOUT_PICTURE = {"vendor_camera.py"}
 
 
 PAGE = ROOT / "docs" / "gallery.md"
+SAMPLES = ROOT / "samples"
+"""Folder of the archive that ``make samples`` makes."""
 SECTIONS = {
     "pair.py": "A pair of photographs",
     "single_frame.py": "A single photograph",
@@ -53,13 +55,15 @@ LONG = {"vendor_camera.py"}
 """Examples that are too long for the page."""
 INTRODUCTION = """# Gallery
 
-Every example is a short script in `examples/`. It runs as it is, without hardware and without data,
-in a few seconds:
+Every example is a short script in `examples/`. It runs as it is, without hardware, in a few
+seconds:
 
     python examples/pair.py
 
-What it measures is simulated; a comment says which line to change for files of your own. `make
-gallery` runs all examples and writes this page.
+What it measures is simulated: examples that need no other truth take the
+[sample data](datasets.md#sample-data-of-this-package), which are [fetched once](python/fw-data.md),
+also to a computer without a network. A comment says which line to change for files of your own.
+`make gallery` runs all examples and writes this page.
 
 Every result draws itself: `result.plot()` returns a matplotlib figure, which notebooks show and
 `fw.save_figure` writes as PNG, PDF or SVG. Maps of values, standard deviations and reasons have
@@ -159,4 +163,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    os.environ.setdefault("FRINGEWORKS_SAMPLES", str(SAMPLES))
     main()

@@ -36,7 +36,7 @@ CELLS = (
     (
         "code",
         "import numpy as np\n\nimport fringeworks as fw\n\n"
-        'folder = fw.files.sample_data("stack")  # fetched once, 18 MB\n'
+        "folder = fw.data.bust()  # fetched once, 18 MB\n"
         'rig = fw.files.read_rig(folder / "rig.toml")\nstack = fw.read(folder / "bust")\n'
         'print(stack.plan.frames, "frames of", stack.frames[0].shape, "pixels")',
     ),

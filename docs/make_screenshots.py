@@ -1,4 +1,5 @@
-"""Write the screenshots of docs/report.md and docs/viewer.md from a report: make screenshots.
+"""Write the screenshots of docs/report.md and docs/viewer.md from a report of the demo, and the
+pictures that the demo draws: make screenshots.
 
 Wants Chromium and Playwright, as the tests do. Pictures are reduced to 256 colours to stay small.
 """
@@ -22,6 +23,8 @@ KEYS = {"camera": "1", "left": "2", "right": "3", "above": "4", "oblique": "5"}
 """Keys of the five views."""
 LAYERS = ("sigma", "modulation", "texture", "reason", "plain")
 """Layers that are shown beside the depth."""
+OF_THE_DEMO = {"camera.png": 1500, "rig_bust.png": 1000}
+"""Pictures of the demo on pages, and their widths there, px."""
 
 
 def save(content: bytes, path: Path) -> None:
@@ -29,6 +32,15 @@ def save(content: bytes, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     picture = Image.open(BytesIO(content)).convert("RGB")
     picture.quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
+
+
+def reduce(source: Path, path: Path, width: int) -> None:
+    """Write a drawn picture smaller; its colours are spread evenly, as colour maps want it."""
+    drawn = Image.open(source).convert("RGB")
+    drawn = drawn.resize((width, round(width * drawn.height / drawn.width)), Image.Resampling.BOX)
+    drawn.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+        path, optimize=True
+    )
 
 
 def opened(browser: Any, report: Path, width: int, height: int, scheme: str) -> Any:
@@ -42,6 +54,8 @@ def opened(browser: Any, report: Path, width: int, height: int, scheme: str) -> 
 
 def main(report: Path) -> None:
     """Take all screenshots of a report with a point cloud in its first chapter."""
+    for name, width in OF_THE_DEMO.items():
+        reduce(report.parent / name, IMAGES / name, width)
     with sync_playwright() as driver:
         program = shutil.which("chromium") or shutil.which("chromium-browser")
         browser = driver.chromium.launch(executable_path=program, args=ARGUMENTS)

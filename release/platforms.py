@@ -38,7 +38,7 @@ PLATFORMS = {
 }
 """Platforms of a release: words of the names of their wheels."""
 NOT_RUN = {
-    "musllinux": "not run: no Python for musl at hand",
+    "musllinux": "not run: no Python for musl on this machine at hand",
     "macosx": "not run: no macOS at hand",
     "win": "not run: no Windows at hand",
 }
@@ -69,7 +69,8 @@ machine of the wheel's name, load no library but those that every such system ha
 start of the module, and call Python by its stable interface only. *Ran* means: installed from
 that very wheel into an empty environment, imported, and `fringeworks selftest --quick` passed;
 *notebook*: so did the cells of `docs/first_look.ipynb`, with Matplotlib installed beside it.
-Under an emulator, a small pair of frames is measured first.
+Under an emulator, a small pair of frames is measured first. Python for musl was compiled from
+Debian's source of 3.11 by `musl-gcc`, and ran with musl 1.2.5: NumPy's wheels crash under 1.2.3.
 
 Wheels of other platforms than that of the machine that built them were linked by zig. Those of a
 release are built on machines of their own, the ones for Windows by the compiler of Microsoft.
@@ -137,24 +138,38 @@ def run_here(wheel: Path, python: list[str]) -> list[Run]:
     return runs
 
 
+def accepted(machine: str) -> list[str]:
+    """Platforms of wheels that a Python of a machine takes."""
+    if machine.startswith("musl-"):
+        plain = machine.removeprefix("musl-")
+        return [f"musllinux_1_{minor}_{plain}" for minor in (2, 1)]
+    return [
+        *(f"manylinux_2_{minor}_{machine}" for minor in (28, 27, 17)),
+        f"manylinux2014_{machine}",
+    ]
+
+
 def run_emulated(wheel: Path, machine: str, emulator: list[str]) -> list[Run]:
-    """Unpack a wheel and what it needs for another machine, and test it under an emulator."""
+    """Unpack a wheel and what it needs for another machine, and test it under an emulator; that of
+    the system musl needs none, and runs the notebook as well."""
     _, version = call([*emulator, "-c", "import platform; print(platform.python_version())"])
-    where = f"Python {version}, Linux {machine} under {Path(emulator[0]).name}"
+    musl = machine.startswith("musl-")
+    below = "with musl" if musl else f"under {Path(emulator[0]).name}"
+    where = f"Python {version}, Linux {machine.removeprefix('musl-')} {below}"
     plain = ".".join(version.split(".")[:2])
     with tempfile.TemporaryDirectory() as folder:
-        tags = [f"manylinux_2_{minor}_{machine}" for minor in (28, 27, 17)]
-        asked = [
-            word for tag in [*tags, f"manylinux2014_{machine}"] for word in ("--platform", tag)
-        ]
+        asked = [word for tag in accepted(machine) for word in ("--platform", tag)]
         pip = [sys.executable, "-m", "pip", "install", "--quiet", "--only-binary", ":all:"]
         target = ["--target", folder, "--python-version", plain, "--implementation", "cp"]
         constrained = alone() | {"PIP_CONSTRAINT": str(ROOT / "constraints.txt")}
-        ok, said = call([*pip, *target, *asked, str(wheel)], constrained)
+        what = f"{wheel}[plots]" if musl else str(wheel)
+        ok, said = call([*pip, *target, *asked, what], constrained)
         if not ok:
             return [Run(where, False, said)]
         env = alone() | {"PYTHONPATH": folder, "OPENBLAS_NUM_THREADS": "1"}
         steps = {f"{where}, a small pair": SMALL, f"{where}, self-test": SELFTEST}
+        if musl:
+            steps[f"{where}, notebook"] = (NOTEBOOK,)
         return [Run(name, *call([*emulator, *words], env)) for name, words in steps.items()]
 
 
@@ -183,7 +198,8 @@ def measure(
     here = pythons if runs_here(wheel) else []
     runs = [run for python in here for run in run_here(wheel, python)]
     for machine, emulator in emulators.items():
-        if wheel.stem.endswith(f"_{machine}") and "manylinux" in wheel.stem:
+        system = "musllinux" if machine.startswith("musl-") else "manylinux"
+        if wheel.stem.endswith(f"_{machine.removeprefix('musl-')}") and system in wheel.stem:
             runs += run_emulated(wheel, machine, emulator)
     for run in runs:
         print(f"{wheel.name}: {run.where}: {'passed' if run.ok else 'FAILED'}: {run.said}")
@@ -241,7 +257,9 @@ def main() -> int:
     parser.add_argument(
         "--pythons", nargs="+", default=[sys.executable], help="'chroot FOLDER PYTHON' serves too"
     )
-    parser.add_argument("--emulate", action="append", default=[], help="MACHINE=COMMAND")
+    parser.add_argument(
+        "--emulate", action="append", default=[], help="MACHINE=COMMAND, or musl-MACHINE=PYTHON"
+    )
     given = parser.parse_args()
     emulators = {
         machine: shlex.split(command)

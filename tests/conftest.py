@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fringeworks.files import sample_sets
 from fringeworks.simulate.scene import standard_scene
 from fringeworks.types import Pair
 from tests import shared
+from tests.sample_sets import made
 
 collect_ignore = ["drawings/make_block.py"]
 """Makes the drawings, with a package that the tests do not need."""
@@ -39,6 +41,24 @@ def _shared_folder(tmp_path_factory):
     if "PYTEST_XDIST_WORKER" in os.environ:
         shared.FOLDER = tmp_path_factory.getbasetemp().parent / "shared"
         shared.FOLDER.mkdir(exist_ok=True)
+
+
+@pytest.fixture(scope="session")
+def _sample_place(tmp_path_factory) -> Path:
+    """Folder for the sample data, one for all workers of a run."""
+    return shared.FOLDER or tmp_path_factory.mktemp("samples")
+
+
+@pytest.fixture
+def _samples(_sample_place, monkeypatch):
+    """``fw.data`` without a network: sets are made when they are asked for, once in a run."""
+
+    def sample_data(name):
+        made(name, str(_sample_place))
+        return sample_sets.sample_data(name)
+
+    monkeypatch.setenv(sample_sets.VARIABLE, str(_sample_place))
+    monkeypatch.setattr("fringeworks.data.sets.sample_data", sample_data)
 
 
 THOROUGH = Path(__file__).with_name("thorough.txt")

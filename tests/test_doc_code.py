@@ -116,7 +116,7 @@ def _kinds():
 # These are the texts of a figure whose layout finds no room; every other warning is an error.
 @pytest.mark.filterwarnings("ignore:constrained_layout not applied:UserWarning")
 @pytest.mark.filterwarnings("ignore:Tight layout not applied:UserWarning")
-@pytest.mark.usefixtures("_place", "_kinds")
+@pytest.mark.usefixtures("_place", "_kinds", "_samples")
 @pytest.mark.filterwarnings("ignore:FigureCanvasAgg is non-interactive")
 @pytest.mark.parametrize(
     "page", marked((p for p in PAGES if p.name not in ELSEWHERE and blocks(p)), LONG)

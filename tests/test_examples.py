@@ -25,7 +25,7 @@ MAX_LINES = 30
 ELSEWHERE = {"vendor_camera.py", "live.py"}
 """Examples that tests of their own run."""
 LONG = ("calibrate.py", "deviation.py")
-"""Examples that render the poses of a board, which takes seconds."""
+"""Examples that calibrate from a board, or render a part with its dent, which takes seconds."""
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def _clean(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.usefixtures("_clean")
+@pytest.mark.usefixtures("_clean", "_samples")
 @pytest.mark.parametrize(
     "example",
     [

@@ -21,7 +21,7 @@ SECONDS = 20.0
 """Longest time of a call with small arguments; a usual one takes milliseconds."""
 ELSEWHERE = {
     "test_hostile_files": ("read_", "read", "find_scans", "file_limits", "FrameSequence"),
-    "test_sample_data": ("sample_data",),
+    "test_sample_data": ("ball", "board", "views", "parts"),
     "test_progress": ("progress",),
     "test_kills and test_read_write": ("write_", "write", "save_figure"),
     "devices, in their own tests": (

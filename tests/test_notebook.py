@@ -6,7 +6,7 @@ import importlib.util
 import json
 from pathlib import Path
 
-from fringeworks.files import sample_sets
+import pytest
 
 ROOT = Path(__file__).parent.parent
 
@@ -27,14 +27,9 @@ def said(notebook):
     ]
 
 
+@pytest.mark.usefixtures("_samples")
 def test_the_notebook_runs_and_shows_what_it_stores(tmp_path, monkeypatch):
     """The set of the sample data that it reads is made anew."""
-    from release import sample_data as builder
-
-    samples = tmp_path / sample_sets.FOLDER / "stack"
-    samples.mkdir(parents=True)
-    builder.make_stack(samples, builder.SCALE)
-    monkeypatch.setenv(sample_sets.VARIABLE, str(tmp_path))
     monkeypatch.chdir(tmp_path)
     stored = json.loads((ROOT / "docs/first_look.ipynb").read_text(encoding="utf-8"))
     made = maker().make()

@@ -193,3 +193,25 @@ def test_the_citation_and_the_links_are_those_of_the_package():
     for name, path in (("Changelog", "CHANGELOG.md"), ("Documentation", "docs/index.md")):
         assert project["urls"][name] == f"{cited['repository-code']}/blob/main/{path}"
         assert (ROOT / path).exists()
+
+
+MAKERS = {
+    "gallery": "docs/make_gallery.py",
+    "concepts": "docs/make_concepts.py",
+    "studio": "docs/make_studio_screenshots.py",
+    "report": "docs/make_screenshots.py",
+    "viewer": "docs/make_screenshots.py",
+    "camera.png": "docs/make_screenshots.py",
+    "rig_bust.png": "docs/make_screenshots.py",
+    "napari.png": "docs/make_napari.py",
+    "benchmarks.png": "benchmarks/page.py",
+}
+"""Program that draws the pictures of a folder, or one picture."""
+
+
+def test_every_picture_has_a_program_that_draws_it():
+    assert {path.name for path in (ROOT / "docs" / "images").iterdir()} == MAKERS.keys()
+    for name, program in MAKERS.items():
+        assert f'"{name}"' in (ROOT / program).read_text(encoding="utf-8"), name
+    made = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert all(program in made for program in MAKERS.values() if program.startswith("docs/"))

@@ -11,6 +11,7 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+import yaml
 
 import fringeworks
 
@@ -292,6 +293,16 @@ def test_the_bill_in_the_wheel_is_that_of_the_lock_file():
     assert all(c["licenses"][0]["license"]["name"] != "not stated" for c in bill["components"])
     maturin = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["maturin"]["sbom"]
     assert maturin == {"rust": False, "include": [str(bills.KERNELS.relative_to(ROOT))]}
+
+
+def test_jobs_that_run_the_tests_leave_what_tests_read():
+    """The job that tests wheels once removed the sources, which tests of the sources need."""
+    for path in (ROOT / ".github" / "workflows").glob("*.yml"):
+        jobs = yaml.safe_load(path.read_text(encoding="utf-8"))["jobs"]
+        for name, job in jobs.items():
+            lines = [step.get("run", "") for step in job["steps"]]
+            if any("pytest" in line for line in lines):
+                assert not any(re.search(r"\brm\b.*(src|crates)", line) for line in lines), name
 
 
 def test_pages_say_what_they_were_last_tried_with():

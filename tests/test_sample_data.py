@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import sys
 import types
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import fringeworks as fw
@@ -37,10 +39,11 @@ def archive(tmp_path, monkeypatch):
 def test_an_archive_without_a_network(archive, monkeypatch):
     monkeypatch.setenv(sample_sets.VARIABLE, str(archive.parent))
     monkeypatch.setitem(sys.modules, "pooch", None)
-    folder = fw.files.sample_data("pair")
-    assert isinstance(fw.read(folder / "part"), fw.Pair)
+    assert isinstance(fw.read(fw.data.ball()), fw.Pair)
     archive.unlink()  # the unpacked folder is enough
-    assert fw.files.sample_data("batch").name == "batch"
+    folders = [fw.data.bust(), fw.data.board(), fw.data.views(), fw.data.parts()]
+    assert [folder.name for folder in folders] == ["stack", "board", "views", "batch"]
+    assert all((folder / "about.txt").is_file() for folder in folders)
 
 
 class Pooch(types.ModuleType):
@@ -65,8 +68,7 @@ class Pooch(types.ModuleType):
 def test_the_archive_is_fetched_once(archive, tmp_path, monkeypatch):
     stand_in = Pooch(tmp_path / "cache", archive.read_bytes())
     monkeypatch.setitem(sys.modules, "pooch", stand_in)
-    first = fw.files.sample_data("stack")
-    assert fw.files.sample_data("stack") == first
+    assert fw.data.bust() == fw.data.bust()
     ((address, known),) = stand_in.asked
     assert address.endswith(sample_sets.ARCHIVE)
     assert known == f"sha256:{sample_sets.SHA256}"
@@ -77,23 +79,23 @@ def test_the_archive_is_fetched_once(archive, tmp_path, monkeypatch):
 def test_what_cannot_be_fetched_is_told_in_a_sentence(tmp_path, monkeypatch, answer):
     monkeypatch.setitem(sys.modules, "pooch", Pooch(tmp_path / "cache", answer))
     with pytest.raises(fw.FileProblem, match="could not be fetched .* FRINGEWORKS_SAMPLES") as told:
-        fw.files.sample_data("pair")
+        fw.data.ball()
     assert "\n" not in str(told.value)
 
 
 def test_other_faults(archive, tmp_path, monkeypatch):
     with pytest.raises(fw.InputError, match="expected one of pair, stack"):
-        fw.files.sample_data("bust")
+        sample_sets.sample_data("bust")
     monkeypatch.setitem(sys.modules, "pooch", None)
     with pytest.raises(fw.MissingPackage, match=r"fringeworks\[data\]"):
-        fw.files.sample_data("pair")
+        fw.data.ball()
     monkeypatch.setenv(sample_sets.VARIABLE, str(tmp_path))
     with pytest.raises(fw.FileProblem, match="got no such file"):
-        fw.files.sample_data("pair")
+        fw.data.ball()
     archive.write_bytes(archive.read_bytes() + b"0")
     monkeypatch.setenv(sample_sets.VARIABLE, str(archive.parent))
     with pytest.raises(fw.FileProblem, match="expected the archive of this version"):
-        fw.files.sample_data("pair")
+        fw.data.ball()
 
 
 def test_the_package_knows_the_archive_of_its_release():
@@ -115,3 +117,20 @@ def test_a_release_has_the_archive_that_the_package_knows(tmp_path, monkeypatch,
     workflow = (ROOT / ".github" / "workflows" / "release.yml").read_text()
     assert "make samples" in workflow
     assert "find dist bill samples SHA256SUMS" in workflow
+
+
+@pytest.mark.usefixtures("_samples")
+def test_the_views_merge_as_the_page_says():
+    """Its lower half is a block of 70 × 50 × 30 mm about the axis."""
+    text = (ROOT / "docs" / "python" / "fw-data.md").read_text(encoding="utf-8")
+    code = next(b for b in re.findall(r"^```python\n(.*?)^```", text, re.M | re.S) if "four_" in b)
+    names = {"fw": fw, "np": np}
+    exec(code, names)
+    merged = names["four_sides"]()
+    assert len(merged.poses) == 4
+    assert not [f for f in merged.findings if f.severity == "warning"]
+    place = merged.fused.points.xyz_mm - np.array([0.0, 0.0, 510.0])
+    beyond = np.abs(place[place[:, 1] > -15.0]) - np.array([35.0, 25.0, 15.0])
+    distance = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+    assert len(distance) > 15_000
+    assert np.quantile(np.abs(distance), 0.99) < 0.08

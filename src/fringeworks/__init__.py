@@ -4,7 +4,8 @@ The top level has what a first week needs, one verb for each stage: ``propose`` 
 its pictures, ``calibrate`` a rig, ``measure`` points (or ``reconstruct`` heights from two frames),
 ``inspect`` a part. The submodules hold the rest, one for each stage: ``patterns``, ``devices``,
 ``scan``, ``signal``, ``pair``, ``stack``, ``rig``, ``views``, ``surface``, ``evaluate``,
-``simulate``, ``files``, ``report`` and ``batch``. ``dir()`` of each lists its public names.
+``simulate``, ``files``, ``data``, ``report`` and ``batch``. ``dir()`` of each lists its public
+names.
 """
 
 import warnings as _warnings

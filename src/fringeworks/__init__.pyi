@@ -19,6 +19,7 @@ from . import (
     evaluate as evaluate,
     simulate as simulate,
     files as files,
+    data as data,
     report as report,
     batch as batch,
 )

@@ -119,6 +119,3 @@ from .recipe import (
 from ..types import (
     Source as Source,
 )
-from .sample_sets import (
-    sample_data as sample_data,
-)

@@ -27,6 +27,7 @@ from fringeworks.files.limits import (
     parsing,
     read_content,
 )
+from fringeworks.files.mosaic import plane_of_image
 from fringeworks.files.photographs import PHOTOGRAPH_SUFFIXES, RAW_SUFFIXES, read_photograph
 from fringeworks.files.scene_colour import LUMINANCE, SceneColour
 from fringeworks.signal.bands import row_bands
@@ -93,10 +94,18 @@ class _Image(NamedTuple):
     """Pixels of a coloured image with a channel at the limit of its type, by their number."""
     channel: str = ""
     """The channel of a colour image that ``grey`` is; empty for all."""
+    first_px: tuple[float, float] | None = None
+    """Place of the first pixel, where ``grey`` has every second column and row of a mosaic."""
 
     @property
     def notes(self) -> tuple[str, ...]:
         """The conversion to grey in one sentence."""
+        if self.first_px is not None:
+            x, y = (f"{2} × {name} + {at:g}" for name, at in zip("xy", self.first_px, strict=True))
+            return (
+                f"{self.path.name}: pixels of the channel {self.channel} of a raw mosaic; pixel "
+                f"x, y is that at column {x}, row {y} of the image",
+            )
         if self.channel:
             return (f"{self.path.name}: channel {self.channel} of a colour image",)
         if self.channels == 1:
@@ -125,6 +134,8 @@ class ReadFrames(Frozen):
     were given, or no image is coloured."""
     colour_noise: tuple[CameraNoise, ...] | None = None
     """Noise of the colour's channels, where it is known."""
+    first_px: tuple[float, float] | None = None
+    """Place of the first pixel, where the frames have every second column and row of a mosaic."""
 
 
 def read_frame(path: StrPath) -> tuple[NDArray[Any], tuple[str, ...]]:
@@ -169,6 +180,8 @@ def read_frames(
     stack: bool,
     channels: str = "",
     weights: Mapping[int, float] | None = None,
+    mosaic: str = "",
+    grey: bool = False,
 ) -> ReadFrames:
     """Read images that belong together as grey frames.
 
@@ -186,6 +199,10 @@ def read_frames(
         of all with the least noise; empty for luminance.
     weights : mapping, optional
         Weights of the images, by their numbers, whose mean is the scene under even light.
+    mosaic : str
+        Filters of raw frames, as "rggb": of the channel, only its own pixels are read.
+    grey : bool
+        Whether grey images are taken as they are, also where channels are named.
 
     Returns
     -------
@@ -199,9 +216,9 @@ def read_frames(
     # Luminance is among the frames unless channels are named.
     colours = SceneColour(weights or {}, len(paths), own_light=bool(channels))
     if channels == BEST:
-        images = _read_all(paths, "".join(CHANNELS), colours)
+        images = _read_all(paths, "".join(CHANNELS), colours, "", False)
         return _least_noise(images, colours)
-    images = _read_all(paths, channels, colours)
+    images = _read_all(paths, channels, colours, mosaic, grey)
     for image in images:
         if stack and image.kind != images[0].kind:
             raise FramesContradictPlan(
@@ -218,6 +235,7 @@ def read_frames(
         1.0 if whole else None,
         any(image.lossy for image in images),
         float(np.iinfo(images[0].kind).max) if stack and converted and whole else None,
+        first_px=images[0].first_px if images else None,
         **_seen_colour(colours, () if channels else [image.grey for image in images]),
     )
 
@@ -260,14 +278,17 @@ def _as_luminance(image: _Image, *, mark_clipped: bool) -> _Image:
     return image._replace(grey=grey, coloured=True)
 
 
-def _read_all(paths: Sequence[Path], channels: str, colours: SceneColour) -> list[_Image]:
+def _read_all(
+    paths: Sequence[Path], channels: str, colours: SceneColour, mosaic: str, grey: bool
+) -> list[_Image]:
     """Read images on all processors: decoding leaves the interpreter to others for a part of its
     time."""
     # Limits on files belong to the context of the caller.
     contexts = [copy_context() for _ in paths]
 
     def read(number: int) -> list[_Image]:
-        return contexts[number].run(_read, paths[number], channels, number, colours)
+        context = contexts[number]
+        return context.run(_read, paths[number], channels, number, colours, mosaic, grey)
 
     # Raw photographs take several times the memory of a frame while they are read.
     raw = any(path.suffix.lower() in RAW_SUFFIXES for path in paths)
@@ -276,7 +297,12 @@ def _read_all(paths: Sequence[Path], channels: str, colours: SceneColour) -> lis
 
 
 def _read(
-    path: Path, channels: str, number: int = 0, colours: SceneColour | None = None
+    path: Path,
+    channels: str,
+    number: int = 0,
+    colours: SceneColour | None = None,
+    mosaic: str = "",
+    grey: bool = False,
 ) -> list[_Image]:
     """The frames of an image file: one for each of the channels, or its grey one."""
     path = existing_file(path, "an image file")
@@ -290,11 +316,13 @@ def _read(
             raise FileProblem(f"expected counts, got {array.dtype}")
         if isinstance(array, np.ndarray):
             array = _as_counts(array.astype(array.dtype.newbyteorder("="), copy=False))
-        if not channels:
-            grey = _to_grey(path, array, lossy)
+        if mosaic:
+            return [_plane(path, array, channels, mosaic, lossy)]
+        if not channels or (grey and array.ndim == 2):
+            one = _to_grey(path, array, lossy)
             if colours is not None:
-                colours.add(number, array, coloured=grey.coloured)
-            return [grey]
+                colours.add(number, array, coloured=one.coloured)
+            return [one]
         if array.ndim != 3 or array.shape[2] < len(CHANNELS):
             raise FileProblem(
                 f"expected a colour image for its channels {channels}, got a grey one"
@@ -306,6 +334,18 @@ def _read(
             _Image(path, part, array.dtype, array.shape[2], False, lossy, channel=letter)
             for part, letter in zip(parts, channels, strict=True)
         ]
+
+
+def _plane(
+    path: Path, array: NDArray[Any] | BayerImage, channel: str, mosaic: str, lossy: bool
+) -> _Image:
+    """The pixels of one channel of a raw frame."""
+    plane, first = plane_of_image(array, mosaic, channel)
+    # A mean of two pixels is no whole count, as luminance is none.
+    mean = plane.dtype != array.dtype
+    limit = np.iinfo(array.dtype).max if array.dtype.kind in "ui" else None
+    full = np.flatnonzero(plane == limit).astype(np.uint32) if mean and limit else None
+    return _Image(path, plane, array.dtype, 1, mean, lossy, full, channel, first)
 
 
 def _counts_of(path: Path) -> tuple[NDArray[Any] | BayerImage, bool]:

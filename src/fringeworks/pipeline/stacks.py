@@ -18,6 +18,7 @@ from fringeworks.pipeline.decoding import decoded_exposures, given_options, of_f
 from fringeworks.pipeline.inputs import inputs_of, stack_of, stacks_of
 from fringeworks.pipeline.scene_colour import colour_findings, scene_brightness
 from fringeworks.rig.depth_range import DepthRange, depth_range_of
+from fringeworks.rig.lit_side import refuse_wrong_side
 from fringeworks.rig.point_findings import point_findings
 from fringeworks.rig.sensor_region import rig_for_region
 from fringeworks.rig.triangulate import Triangulator
@@ -112,6 +113,7 @@ def measure(
         )
         if blur_px is not None or rig.rig.blur is not None:
             points = _without_blur(points, rig.rig, blur_px, found, axis)
+        refuse_wrong_side(points, rig.rig)
     seconds = time.perf_counter() - started
     origin = made_by(
         "measure",

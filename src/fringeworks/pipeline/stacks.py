@@ -111,8 +111,7 @@ def measure(
         points = rig.triangulate(
             found, axis=axis, epipolar_px=epipolar_px, colour=scene_brightness(stacks, found)
         )
-        if blur_px is not None or rig.rig.blur is not None:
-            points = _without_blur(points, rig.rig, blur_px, found, axis)
+        points = _without_blur(points, rig.rig, blur_px, found, axis)
         refuse_wrong_side(points, rig.rig)
     seconds = time.perf_counter() - started
     origin = made_by(
@@ -153,7 +152,9 @@ def _sharpened(rig: Rig, blur_px: float | None) -> bool:
 def _without_blur(
     points: PointCloud, rig: Rig, blur_px: float | None, found: Decoded, axis: Axis | None
 ) -> PointCloud:
-    """The points without the error of blur, by the axes that they come from."""
+    """The points without the error of a known blur, by the axes that they come from."""
+    if blur_px is None and rig.blur is None:
+        return points
     used = {a: m for a, m in found.maps.items() if axis is None or a == axis}
     return remove_blur(
         points,

@@ -57,6 +57,24 @@ def test_what_no_point_is_near_is_marked(tmp_path):
     assert np.abs(distance(found)[~found.filled]).max() < 0.05
 
 
+@pytest.mark.parametrize("channels", [1, 3])
+def test_what_no_point_is_near_has_the_colour_of_the_nearest(tmp_path, channels):
+    """A vertex without points may neither be black nor, by its σ, brighter than all."""
+    points = ball(lowest=-0.7)
+    height = (points.xyz_mm[:, 2] - 40.0) / 10.0
+    colour = np.stack((120 + 60 * height, 100 - 40 * height, 80 + 0 * height)[:channels], axis=-1)
+    points = replace(points, colour=colour[:, 0] if channels == 1 else colour)
+    found = fw.views.closed_mesh(points)
+    assert found.filled.any()
+    seen = found.colour.reshape(-1, channels)
+    assert seen.min() > 0.9 * colour.min()
+    assert seen.max() < 1.01 * colour.max()
+    path = tmp_path / "ball.glb"
+    fw.files.write_mesh(path, found)
+    (shown,) = trimesh.load(path).geometry.values()
+    assert np.median(np.asarray(shown.visual.vertex_colors)[:, 0]) > 100
+
+
 def test_specks_are_left_out():
     speck = ball(20, 0.5)
     one = ball()

@@ -97,7 +97,10 @@ def test_numbers_and_names_reach_the_devices(monkeypatch):
         ("fringeworks.devices.window", "WindowProjector"),
     ):
         monkeypatch.setattr(
-            f"{place}.{name}", lambda *args, name=name: opened.append((name, *args))
+            f"{place}.{name}",
+            lambda *args, name=name, channel="luminance": opened.append(
+                (name, *args) if channel == "luminance" else (name, *args, channel)
+            ),
         )
     for words in (
         "webcam",
@@ -106,6 +109,8 @@ def test_numbers_and_names_reach_the_devices(monkeypatch):
         "genicam",
         "genicam:Acme:1",
         "gentl:7",
+        "webcam:1,channel=blue",
+        "genicam:Acme:1,channel=raw",
     ):
         open_camera(words)
     for words in ("screen", "screen:1", "screen:HDMI-1"):
@@ -117,6 +122,8 @@ def test_numbers_and_names_reach_the_devices(monkeypatch):
         ("GenicamCamera", None),
         ("GenicamCamera", "Acme:1"),
         ("GentlCamera", "7"),
+        ("WebcamCamera", 1, "blue"),
+        ("GenicamCamera", "Acme:1", "raw"),
         ("WindowProjector", None),
         ("WindowProjector", "1"),
         ("WindowProjector", "HDMI-1"),

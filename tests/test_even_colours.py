@@ -49,17 +49,25 @@ def albedo(x):
     return np.where((np.floor(x[:, 1:2] / 9) % 2 == 0), 0.6, 1.0) * colour
 
 
-def views_of(seed: int, *, count: int = 8, turn_deg: float = 45.0, points: int = 40000):
+def views_of(
+    seed: int,
+    *,
+    count: int = 8,
+    turn_deg: float = 45.0,
+    points: int = 40000,
+    heights: tuple[float, float] = (-0.25, -0.15),
+    lamp_mm=LAMP_MM,
+):
     """Views of a matt body by a lamp beside the camera, with uneven light and unequal exposure."""
     rng = np.random.default_rng(seed)
     views, poses = [], []
     for k in range(count):
         a = np.radians(turn_deg) * k
-        eye = 400 * np.array([np.sin(a), -0.25 + 0.1 * (k % 2), -np.cos(a)])
+        eye = 400 * np.array([np.sin(a), heights[k % 2], -np.cos(a)])
         T = look_at(eye, np.zeros(3))
         d = rng.standard_normal((points, 3))
         x, normal = _surface(d / np.linalg.norm(d, axis=1, keepdims=True))
-        to, beam = eye - x, transform(inverse(T), LAMP_MM) - x
+        to, beam = eye - x, transform(inverse(T), np.asarray(lamp_mm)) - x
         seen = np.sum(normal * to, axis=1) / np.linalg.norm(to, axis=1)
         far = np.linalg.norm(beam, axis=1)
         lit = np.sum(normal * beam, axis=1) / far
@@ -116,6 +124,19 @@ def test_eight_views_show_no_seams(seed):
     over = fused.points.colour / albedo(fused.points.xyz_mm)
     off = np.log(over / np.median(over))
     assert np.median(np.abs(off)) < 0.02
+
+
+@pytest.mark.parametrize("seed", [14, 15])
+def test_a_turntable_seen_from_its_own_height_keeps_its_colours(seed):
+    """Every place stays in its rows: the views hardly tell how the light changes along them."""
+    views, poses = views_of(seed, heights=(0.0, 0.0), lamp_mm=(280.0, 8.0, 0.0))
+    index, of_view = places(views, poses)
+    fused = fuse_points(views, poses, voxel_mm=VOXEL_MM)
+    assert np.quantile(seams(fused, index, of_view), 0.95) < 0.01
+    over = np.log(fused.points.colour / albedo(fused.points.xyz_mm)).mean(axis=1)
+    assert np.median(np.abs(over - np.median(over))) < 0.03
+    slope = np.polyfit(fused.points.xyz_mm[:, 1], over, 1)[0]
+    assert abs(slope * 80) < 0.06
 
 
 def test_seams_stay_away_in_brightness_and_under_a_bent_response():

@@ -43,6 +43,13 @@ class StackOptions:
             "Luminance by default."
         ),
     ] = None
+    mosaic: Annotated[
+        str | None,
+        typer.Option(
+            help="Filters of raw frames that are not interpolated, as rggb; file for raw "
+            "photographs. Of the one of --channels, only its own pixels are measured."
+        ),
+    ] = None
     camera_name: CameraName = None
     projector_name: ProjectorName = None
 
@@ -66,7 +73,7 @@ class StackOptions:
         """Read a stack."""
         from fringeworks.files.stack import read_stack
 
-        return self.named(read_stack(path, self.plan, channels=self.channels))
+        return self.named(read_stack(path, self.plan, channels=self.channels, mosaic=self.mosaic))
 
     def read_captured(self, path: Path) -> fw.Stack | tuple[fw.Stack, ...]:
         """Read a stack, or the stacks of several exposures of a scene."""
@@ -83,7 +90,8 @@ class StackOptions:
 
     def poses(self, folder: Path) -> Iterator[tuple[str, fw.Stack]]:
         """Read the stacks of a calibration."""
-        for name, stack in fw.files.read_poses(folder, self.plan, channels=self.channels):
+        poses = fw.files.read_poses(folder, self.plan, channels=self.channels, mosaic=self.mosaic)
+        for name, stack in poses:
             yield name, self.named(stack)
 
     def named(self, stack: fw.Stack) -> fw.Stack:

@@ -12,7 +12,7 @@ PANELS = {
     "Devices": "projector camera exposure-ms gain-db pixel-format",
     "Frames": "frames auto-exposure hdr average fast most-saturated resume until most-captures "
     "plan setup steps "
-    "set channels white-balance reference object black white mask background "
+    "set channels mosaic white-balance reference object black white mask background "
     "camera-name projector-name noise gain saturation min-modulation modulation",
     "Scene": "shape size height-mm fringes gamma bits ambient paint seed matrix",
     "Geometry": "rig projector-size axes axis depth blur-px epipolar-px geometry distance-mm "
@@ -21,7 +21,7 @@ PANELS = {
     "turntable turn distortion model align datum-point datum-plane fit-box reach-mm tolerance-mm "
     "scale face in robot-pose poses-as",
     "Method": "live method option against denoise zero response estimate-response estimate-steps "
-    "relative phases unwrap contrast adjust learn false-alarms kind min-period max-period "
+    "relative phases unwrap contrast channel adjust learn false-alarms kind min-period max-period "
     "camera-pixel robust colours "
     "quantity part operator names tolerance-width calibrated calibrated-sigma spread share",
     "Output": "out capture ply figure panel no-title report head json csv markdown timing force "

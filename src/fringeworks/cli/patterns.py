@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -100,6 +100,13 @@ def plan(
             "--frames counts pictures, four of them solid.",
         ),
     ] = False,
+    channel: Annotated[
+        Literal["red", "green", "blue"] | None,
+        typer.Option(
+            help="Colour of the light, red, green or blue: pictures are shown in it, and that "
+            "channel of colour images is decoded."
+        ),
+    ] = None,
     kind: Annotated[str, typer.Option(help="Kind of plan to write; the best by default.")] = "",
     out: Annotated[Path | None, typer.Option("--out", help="Plan file to write (TOML).")] = None,
     json_file: JsonFile = None,
@@ -133,6 +140,7 @@ def plan(
         options["depth_mm"] = depth_of(depth)
         found = fw.patterns.propose_for_depth(rig, **options)
         origin = made_by("propose_for_depth", options=options, rig=rig)
+    found = [replace(p, plan=replace(p.plan, channel=channel)) for p in found]
     chosen = [p for p in found if p.kind == kind] if kind else found[:1]
     if not chosen:
         raise fw.InputError(f"--kind: expected {', '.join(p.kind for p in found)}, got {kind!r}")

@@ -104,8 +104,9 @@ def decode(
                 "--steps: it takes the place of a plan and gives a phase; expected none of "
                 "--plan, --relative, --phases beside it"
             )
-        if how.channels is not None:
-            raise fw.InputError("--channels: with --steps, write them into capture.toml instead")
+        for name, value in (("--channels", how.channels), ("--mosaic", how.mosaic)):
+            if value is not None:
+                raise fw.InputError(f"{name}: with --steps, write it into capture.toml instead")
         given: dict[str, Any] = {
             "camera": how.camera_name,
             "projector": how.projector_name,

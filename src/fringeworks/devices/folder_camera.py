@@ -11,8 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.devices.pixel_formats import Channel
 from fringeworks.devices.protocols import CameraLimits, Closing, Grab
-from fringeworks.files.images import CHANNELS, IMAGE_SUFFIXES, TIFF_SUFFIXES, read_frames
+from fringeworks.files.images import (
+    CHANNELS,
+    IMAGE_SUFFIXES,
+    TIFF_SUFFIXES,
+    checked_channels,
+    read_frames,
+)
 from fringeworks.types import CameraSettings, DeviceProblem, FileProblem, InputError, Region
 
 POLL_S = 0.05
@@ -52,6 +59,8 @@ class FolderCamera(Closing):
         that are there already are ignored, and so are hidden files and files of other kinds.
     settled_s : float
         Time for which a file must not change to count as written, s.
+    channel : str
+        What is made of frames in colour: luminance (BT.601), red, green or blue.
 
     Raises
     ------
@@ -65,8 +74,15 @@ class FolderCamera(Closing):
     asked for there as well, so let it take one photograph after the other.
     """
 
-    def __init__(self, folder: str | os.PathLike[str], *, settled_s: float = SETTLED_S) -> None:
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        *,
+        settled_s: float = SETTLED_S,
+        channel: Channel = "luminance",
+    ) -> None:
         self._folder = Path(folder)
+        self._channel = channel
         self._settled_s = settled_s
         self._size_px: tuple[int, int] | None = None
         self._count = 0
@@ -134,7 +150,9 @@ class FolderCamera(Closing):
             while self._written:
                 name, arrived_s = self._written[0]
                 try:
-                    frame = whole_counts(self._folder / name, colours=self._colours)
+                    frame = whole_counts(
+                        self._folder / name, colours=self._colours, channel=self._channel
+                    )
                 except FileProblem as problem:
                     # The writer may have paused in the middle; try again until the time is over.
                     broken = problem
@@ -222,9 +240,12 @@ class FolderCamera(Closing):
         return f"{said} none: let the program that controls the camera save its photographs there"
 
 
-def whole_counts(path: Path, *, colours: bool = False) -> NDArray[Any]:
+def whole_counts(
+    path: Path, *, colours: bool = False, channel: Channel = "luminance"
+) -> NDArray[Any]:
     """The frame of a file in counts of 8 or 16 bit, in grey or with red, green and blue."""
-    read = read_frames([path], stack=True, channels=CHANNELS if colours else "")
+    named = "" if channel == "luminance" else checked_channels(channel)
+    read = read_frames([path], stack=True, channels=CHANNELS if colours else named)
     frame = np.stack(read.frames, axis=-1) if colours else read.frames[0]
     if frame.dtype in (np.uint8, np.uint16):
         return frame

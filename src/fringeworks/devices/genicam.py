@@ -24,7 +24,15 @@ from fringeworks.devices.genicam_names import (
     settled,
     unplugged,
 )
-from fringeworks.devices.pixel_formats import Channel, full_scale, to_colours, to_grey, unpacked
+from fringeworks.devices.pixel_formats import (
+    RAW,
+    Channel,
+    full_scale,
+    mosaic_of,
+    to_colours,
+    to_grey,
+    unpacked,
+)
 from fringeworks.devices.protocols import CameraLimits, Closing, Grab
 from fringeworks.types import CameraSettings, DeviceProblem, Region
 
@@ -84,7 +92,9 @@ class GenicamCamera(Closing):
     Automatic exposure and gain are switched off, so that all frames of a capture are alike.
     """
 
-    def __init__(self, identifier: str | None = None, *, channel: Channel = "luminance") -> None:
+    def __init__(
+        self, identifier: str | None = None, *, channel: Channel | Literal["raw"] = "luminance"
+    ) -> None:
         self._aravis = aravis()
         self._stream: Any = None
         self._camera: Any = None
@@ -184,6 +194,22 @@ class GenicamCamera(Closing):
                 self._call("clear_triggers", None)
             self._triggered = settings.triggered
         return self._read_back()
+
+    @property
+    def mosaic(self) -> str | None:
+        """Filters of the raw frames that it delivers, as "rggb"; None where it delivers others."""
+        return (
+            mosaic_of(self._call("get_pixel_format_as_string", c.c_char_p).decode())
+            if self._channel == RAW
+            else None
+        )
+
+    @property
+    def sees_colours(self) -> bool:
+        """Whether it can deliver colours: its pixel format holds them, and it is not to be raw."""
+        return self._channel != RAW and not self._call(
+            "get_pixel_format_as_string", c.c_char_p
+        ).decode().startswith("Mono")
 
     def deliver_colours(self, wanted: bool) -> None:
         """Deliver frames in colour or in grey; see ``ColourCamera.deliver_colours``."""

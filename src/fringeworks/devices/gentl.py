@@ -26,7 +26,15 @@ from fringeworks.devices.genicam_names import (
 from fringeworks.devices.gentl_nodes import Nodes
 from fringeworks.devices.gentl_stream import GentlStream
 from fringeworks.devices.gentl_system import found_of, gentl, named, said
-from fringeworks.devices.pixel_formats import Channel, full_scale, to_colours, to_grey, unpacked
+from fringeworks.devices.pixel_formats import (
+    RAW,
+    Channel,
+    full_scale,
+    mosaic_of,
+    to_colours,
+    to_grey,
+    unpacked,
+)
 from fringeworks.devices.protocols import CameraLimits, Closing, Grab
 from fringeworks.types import CameraSettings, DeviceProblem, Region
 
@@ -66,7 +74,9 @@ class GentlCamera(Closing):
     capture are alike.
     """
 
-    def __init__(self, identifier: str | None = None, *, channel: Channel = "luminance") -> None:
+    def __init__(
+        self, identifier: str | None = None, *, channel: Channel | Literal["raw"] = "luminance"
+    ) -> None:
         self._module, _ = gentl()
         self._device: Any = None
         self._stream: GentlStream | None = None
@@ -150,6 +160,16 @@ class GentlCamera(Closing):
                 self._clear_triggers()
             self._triggered = settings.triggered
         return self._read_back()
+
+    @property
+    def mosaic(self) -> str | None:
+        """Filters of the raw frames that it delivers, as "rggb"; None where it delivers others."""
+        return mosaic_of(str(self._nodes.get("PixelFormat"))) if self._channel == RAW else None
+
+    @property
+    def sees_colours(self) -> bool:
+        """Whether it can deliver colours: its pixel format holds them, and it is not to be raw."""
+        return self._channel != RAW and not str(self._nodes.get("PixelFormat")).startswith("Mono")
 
     def deliver_colours(self, wanted: bool) -> None:
         """Deliver frames in colour or in grey; see ``ColourCamera.deliver_colours``."""

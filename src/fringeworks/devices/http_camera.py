@@ -16,6 +16,7 @@ from PIL import Image
 
 from fringeworks.devices.frame_reader import FrameReader, FromReader
 from fringeworks.devices.http_password import Password
+from fringeworks.devices.pixel_formats import Channel
 from fringeworks.devices.protocols import CameraLimits, Grab
 from fringeworks.files.limits import told
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, Region
@@ -252,6 +253,8 @@ class HttpCamera(FromReader):
     ----------
     address : str
         That of a stream of JPEG images (MJPEG), or of one image for each request.
+    channel : str
+        What is made of frames in colour: luminance (BT.601), red, green or blue.
 
     Raises
     ------
@@ -263,7 +266,8 @@ class HttpCamera(FromReader):
     focus off there. Colour becomes luminance (BT.601), with 255 where any colour is 255.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, *, channel: Channel = "luminance") -> None:
+        self._channel = channel
         try:
             parts = urllib.parse.urlsplit(address)
             port = f":{parts.port}" if parts.port else ""
@@ -330,7 +334,8 @@ class HttpCamera(FromReader):
         whole = read.image is not None and read.image.shape[:2] == shape
         grey = np.zeros(shape, np.uint8)
         if read.image is not None and whole:
-            grey = colours_of(read.image) if self._colours else grey_of(read.image)
+            image = read.image
+            grey = colours_of(image) if self._colours else grey_of(image, self._channel)
         return Grab(grey, read.host_s, None, read.number, whole)
 
 
@@ -348,8 +353,8 @@ def colours_of(image: NDArray[Any]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(image, np.uint8)
 
 
-def grey_of(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return an image in grey, or in red, green and blue, as counts of luminance.
+def grey_of(image: NDArray[Any], channel: Channel = "luminance") -> NDArray[np.uint8]:
+    """Return an image in grey, or in red, green and blue, as counts of luminance or of a channel.
 
     Examples
     --------
@@ -358,6 +363,8 @@ def grey_of(image: NDArray[Any]) -> NDArray[np.uint8]:
     """
     if image.ndim == 2:
         return np.asarray(image, np.uint8)
+    if channel != "luminance":
+        return np.ascontiguousarray(image[..., ("red", "green", "blue").index(channel)], np.uint8)
     grey = np.asarray(np.rint(image @ np.array(LUMINANCE, np.float32)), np.uint8)
     grey[image.max(axis=2) == 255] = 255
     return grey

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 
+from fringeworks.devices.pixel_formats import with_channel, with_channel_or_raw
 from fringeworks.devices.protocols import Camera, CameraLimits, Projector
 from fringeworks.devices.registry import (
     BOTH_KINDS,
@@ -94,7 +95,9 @@ def open_webcam(which: str) -> Camera:
     """``webcam``, ``webcam:NUMBER`` or ``webcam:PATH``: a webcam, by default number 0."""
     from fringeworks.devices.webcam import WebcamCamera
 
-    return WebcamCamera(int(which or "0") if not which or which.isdecimal() else which)
+    which, channel = with_channel(which)
+    source = int(which or "0") if not which or which.isdecimal() else which
+    return WebcamCamera(source, channel=channel)
 
 
 def _named(
@@ -121,7 +124,8 @@ def open_genicam(identifier: str) -> Camera:
     """``genicam`` or ``genicam:IDENTIFIER``: a camera with GigE Vision or USB3 Vision."""
     from fringeworks.devices.genicam import GenicamCamera
 
-    return GenicamCamera(identifier or None)
+    identifier, channel = with_channel_or_raw(identifier)
+    return GenicamCamera(identifier or None, channel=channel)
 
 
 def _gentls() -> Iterator[ListedDevice]:
@@ -136,7 +140,8 @@ def open_gentl(identifier: str) -> Camera:
     """``gentl`` or ``gentl:IDENTIFIER``: a camera through its maker's driver, a GenTL producer."""
     from fringeworks.devices.gentl import GentlCamera
 
-    return GentlCamera(identifier or None)
+    identifier, channel = with_channel_or_raw(identifier)
+    return GentlCamera(identifier or None, channel=channel)
 
 
 def _picameras() -> Iterator[ListedDevice]:
@@ -151,9 +156,10 @@ def open_picamera(which: str) -> Camera:
     """``picamera`` or ``picamera:NUMBER``: a camera of a Raspberry Pi."""
     from fringeworks.devices.raspberry_camera import RaspberryCamera
 
+    which, channel = with_channel(which)
     if which and not which.isdecimal():
         raise DeviceProblem(f"picamera: expected picamera:NUMBER, got picamera:{which}")
-    return RaspberryCamera(int(which or "0"))
+    return RaspberryCamera(int(which or "0"), channel=channel)
 
 
 @registering(CAMERA_KINDS, "camera", "gphoto2", None)
@@ -161,7 +167,8 @@ def open_gphoto2(port: str) -> Camera:
     """``gphoto2`` or ``gphoto2:PORT``: a photo camera on USB, through the program gphoto2."""
     from fringeworks.devices.photo_camera import PhotoCamera
 
-    return PhotoCamera(port)
+    port, channel = with_channel(port)
+    return PhotoCamera(port, channel=channel)
 
 
 @registering(CAMERA_KINDS, "camera", "phone", None)
@@ -177,7 +184,8 @@ def open_http(address: str) -> Camera:
     """``http://HOST/PATH``: a camera on the network that sends JPEG images."""
     from fringeworks.devices.http_camera import HttpCamera
 
-    return HttpCamera(f"http:{address}")
+    address, channel = with_channel(address)
+    return HttpCamera(f"http:{address}", channel=channel)
 
 
 @registering(CAMERA_KINDS, "camera", "https", None)
@@ -185,7 +193,8 @@ def open_https(address: str) -> Camera:
     """``https://HOST/PATH``: the same on a secure connection."""
     from fringeworks.devices.http_camera import HttpCamera
 
-    return HttpCamera(f"https:{address}")
+    address, channel = with_channel(address)
+    return HttpCamera(f"https:{address}", channel=channel)
 
 
 @registering(CAMERA_KINDS, "camera", "folder", None)
@@ -193,7 +202,8 @@ def open_folder(folder: str) -> Camera:
     """``folder:PATH``: any camera whose program writes images into a folder."""
     from fringeworks.devices.folder_camera import FolderCamera
 
-    return FolderCamera(_needed("folder", "PATH", folder))
+    folder, channel = with_channel(folder)
+    return FolderCamera(_needed("folder", "PATH", folder), channel=channel)
 
 
 @registering(BOTH_KINDS, "scanner", "virtual", None)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.devices.folder_camera import whole_counts
+from fringeworks.devices.pixel_formats import Channel
 from fringeworks.devices.protocols import CameraLimits, Closing, Grab
 from fringeworks.files.images import IMAGE_SUFFIXES
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, MissingPackage, Region
@@ -39,6 +40,8 @@ class PhotoCamera(Closing):
     ----------
     port : str, optional
         The program's port, such as ``usb:001,004``; the first camera by default.
+    channel : str
+        What is made of frames in colour: luminance (BT.601), red, green or blue.
 
     Raises
     ------
@@ -50,7 +53,8 @@ class PhotoCamera(Closing):
     read. Every frame is exposed after it was asked for.
     """
 
-    def __init__(self, port: str = "") -> None:
+    def __init__(self, port: str = "", *, channel: Channel = "luminance") -> None:
+        self._channel = channel
         self._name = f"gphoto2 {port}".strip()
         if shutil.which(PROGRAM) is None:
             raise MissingPackage(
@@ -126,7 +130,7 @@ class PhotoCamera(Closing):
                 f"{self.name}: expected a photograph, got none: its card or its buffer may be full"
             )
         try:
-            frame = whole_counts(taken[0], colours=self._colours)
+            frame = whole_counts(taken[0], colours=self._colours, channel=self._channel)
         finally:
             for path in taken:
                 path.unlink()

@@ -13,10 +13,60 @@ from fringeworks.types.packages import need_opencv
 
 Channel = Literal["luminance", "red", "green", "blue"]
 """What is made of a frame of a colour camera. Luminance has the weights of ITU-R BT.601."""
+RAW = "raw"
+"""Word for the counts of a mosaic as the sensor has them, without interpolation."""
 NAME = re.compile(r"(Mono|Bayer(?:RG|GR|GB|BG))(8|10|12|14|16)(p|Packed)?")
 """Formats that are read: kind, bits, and how samples are packed."""
 PACKED = {("10", "p"), ("12", "p"), ("10", "Packed"), ("12", "Packed")}
 """Bits and packing of the formats whose samples do not fill whole bytes."""
+
+
+WORD = "channel="
+"""Begins the word that names the channel, behind the words of a camera and a comma."""
+
+
+def with_channel(words: str) -> tuple[str, Channel]:
+    """Separate the channel of a colour camera from the words after the name of its kind.
+
+    Parameters
+    ----------
+    words : str
+        Which camera, and at the end ``,channel=blue``, where one is named.
+
+    Returns
+    -------
+    Which camera, and the channel: luminance where none is named.
+
+    Raises
+    ------
+    DeviceProblem for a channel that is none.
+
+    Examples
+    --------
+    >>> with_channel("0,channel=blue")
+    ('0', 'blue')
+    """
+    which, channel = with_channel_or_raw(words)
+    if channel == "raw":
+        raise DeviceProblem(
+            "camera: expected genicam or gentl for channel=raw, whose pixel format says the mosaic"
+        )
+    return which, channel
+
+
+def with_channel_or_raw(words: str) -> tuple[str, Channel | Literal["raw"]]:
+    """The same for a camera that delivers raw frames too."""
+    which, _, last = words.rpartition(",")
+    if not last.startswith(WORD):
+        return words, "luminance"
+    if last == WORD + RAW:
+        return which, "raw"
+    for channel in get_args(Channel):
+        if last == WORD + channel:
+            return which, channel
+    raise DeviceProblem(
+        f"camera: expected {WORD} and one of {', '.join(get_args(Channel))}, got {last!r}"
+    )
 
 
 def full_scale(name: str) -> int:
@@ -75,7 +125,23 @@ def unpacked(content: NDArray[np.uint8], shape: tuple[int, int], name: str) -> N
     return flat[:samples].reshape(shape)
 
 
-def to_grey(raw: NDArray[Any], name: str, channel: Channel = "luminance") -> NDArray[Any]:
+def mosaic_of(name: str) -> str | None:
+    """Return the filters of a pixel format as "rggb"; None for one without filters.
+
+    Examples
+    --------
+    >>> mosaic_of("BayerGB12p")
+    'gbrg'
+    """
+    kind, _, _ = _parsed(name)
+    row = kind.removeprefix("Bayer").lower()
+    # The second row has the other green beside what the first row lacks.
+    return None if kind == "Mono" else row + {"rg": "gb", "gr": "bg", "gb": "rg", "bg": "gr"}[row]
+
+
+def to_grey(
+    raw: NDArray[Any], name: str, channel: Channel | Literal["raw"] = "luminance"
+) -> NDArray[Any]:
     """Return a grey frame from the samples of a camera.
 
     Parameters
@@ -85,7 +151,7 @@ def to_grey(raw: NDArray[Any], name: str, channel: Channel = "luminance") -> NDA
     name : str
         Pixel format. Frames of Mono formats are returned as they are.
     channel : str
-        What is made of a colour frame: luminance, red, green or blue.
+        What is made of a colour frame: luminance, red, green, blue, or raw for the samples.
 
     Returns
     -------
@@ -96,9 +162,9 @@ def to_grey(raw: NDArray[Any], name: str, channel: Channel = "luminance") -> NDA
     InputError for an unknown channel or format.
     """
     kind, _, _ = _parsed(name)
-    if channel not in get_args(Channel):
+    if channel != RAW and channel not in get_args(Channel):
         raise InputError(f"channel: expected one of {get_args(Channel)}, got {channel!r}")
-    if kind == "Mono":
+    if kind == "Mono" or channel == RAW:
         return raw
     if channel == "luminance":
         return _interpolated(raw, kind, "GRAY")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fringeworks.devices.frame_reader import FrameReader, FromReader
 from fringeworks.devices.http_camera import colours_of, grey_of
+from fringeworks.devices.pixel_formats import Channel
 from fringeworks.devices.protocols import CameraLimits, Grab
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, MissingPackage, Region
 
@@ -118,6 +119,8 @@ class RaspberryCamera(FromReader):
     ----------
     number : int
         Number of the camera, from 0.
+    channel : str
+        What is made of frames in colour: luminance (BT.601), red, green or blue.
 
     Raises
     ------
@@ -129,8 +132,9 @@ class RaspberryCamera(FromReader):
     arrives some frames later; ``configure`` waits for it, by what the camera says of each frame.
     """
 
-    def __init__(self, number: int = 0) -> None:
+    def __init__(self, number: int = 0, *, channel: Channel = "luminance") -> None:
         self._name = f"picamera {number}"
+        self._channel = channel
         self._source: PiSource | None = None
 
         def opened() -> PiSource:
@@ -225,7 +229,7 @@ class RaspberryCamera(FromReader):
         read = self._reader.take(timeout_s)
         assert read.image is not None
         image = read.image[..., ::-1]
-        pixels = colours_of(image) if self._colours else grey_of(image)
+        pixels = colours_of(image) if self._colours else grey_of(image, self._channel)
         return Grab(pixels, read.host_s, None, read.number)
 
 

@@ -48,6 +48,20 @@ class BayerImage:
         self._scale = np.float32(LARGEST) / (np.float32(white) - self._black)
         self.shape = (*raw.shape, 3)
 
+    @property
+    def mosaic(self) -> str:
+        """Filters of the first two pixels of the first row and of the second, as "rggb"."""
+        return "".join("rgb"[CHANNEL_OF[int(k)]] for k in self._pattern.ravel())
+
+    def counts(self) -> NDArray[np.uint16]:
+        """The counts of all pixels behind their filters, from 0 in the dark, (h, w)."""
+        out = np.empty(self._raw.shape, np.uint16)
+        for v in range(2):
+            for u in range(2):
+                part = (self._raw[v::2, u::2] - self._black[v, u]) * self._scale[v, u]
+                out[v::2, u::2] = np.rint(np.clip(part, 0, LARGEST))
+        return out
+
     def __getitem__(self, rows: slice) -> NDArray[np.uint16]:
         start, stop, step = rows.indices(self.shape[0])
         first, last = max(start - 1, 0), min(stop + 1, self.shape[0])

@@ -19,7 +19,7 @@ from fringeworks.files.limits import is_file
 from fringeworks.files.pair import CAPTURE_FILE, DevicesSection, refuse_over_taken
 from fringeworks.files.plan import PLAN_FILE, format_plan, frame_names
 from fringeworks.files.toml import read_toml
-from fringeworks.patterns.plan import PatternPlan
+from fringeworks.patterns.plan import LightColour, PatternPlan
 from fringeworks.stack.grey_card import check_gains
 from fringeworks.types import CameraSettings, FileProblem, FramesContradictPlan, InputError, Region
 
@@ -52,6 +52,9 @@ class UnfinishedFile(Section):
     """Counts from which on a sample is not trusted."""
     white_balance: tuple[Gain, Gain, Gain] | None = None
     """Gains of red, green and blue."""
+    mosaic: str | None = None
+    """Filters of raw frames, as "rggb", or "file" for raw photographs: of the channel, only its own
+    pixels are read."""
     devices: DevicesSection = DevicesSection()
     settings: SettingsSection = SettingsSection()
 
@@ -67,6 +70,8 @@ class StackFile(UnfinishedFile):
     in their names or by name."""
     channels: str | None = None
     """Channels of colour images that are a frame each, as "g" or "rgb"; luminance by default."""
+    channel: LightColour | None = None
+    """The same for a single channel."""
 
 
 class CaptureWriter:
@@ -123,6 +128,7 @@ def writing_capture(
     averaged: int = 1,
     saturation: float | None = None,
     white_balance: Sequence[float] | None = None,
+    mosaic: str | None = None,
     resume: bool = False,
     force: bool = False,
 ) -> Iterator[CaptureWriter]:
@@ -147,6 +153,8 @@ def writing_capture(
         Counts from which on a sample is not trusted.
     white_balance : (red, green, blue), optional
         Gains of the colour of points.
+    mosaic : str, optional
+        Filters of raw frames, as "rggb".
     resume : bool
         Keep the frames of a capture that was interrupted. Its plan, devices and settings must be
         the same. A complete capture is left as it is.
@@ -163,6 +171,7 @@ def writing_capture(
     content = _description(camera, projector, settings, averaged, saturation)
     if white_balance is not None:
         content = {"white_balance": list(check_gains(white_balance)), **content}
+    content = content if mosaic is None else {"mosaic": mosaic, **content}
     kept = _kept(Path(folder), content, plan, stems) if resume else ()
     if not (resume or force):
         refuse_over_taken(folder, camera, projector)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import re
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from fringeworks import _core
 from fringeworks.files.atomic import StrPath, replacing
 from fringeworks.files.bayer_image import BayerImage
-from fringeworks.files.best_channels import BEST, best_weights, combined
+from fringeworks.files.best_channels import BEST, Sampled, best_weights, combined, sampled
 from fringeworks.files.limits import (
     MAX_LENGTH_PX,
     check_frame_size,
@@ -27,6 +27,7 @@ from fringeworks.files.limits import (
     parsing,
     read_content,
 )
+from fringeworks.files.mosaic import plane_of_image
 from fringeworks.files.photographs import PHOTOGRAPH_SUFFIXES, RAW_SUFFIXES, read_photograph
 from fringeworks.files.scene_colour import LUMINANCE, SceneColour
 from fringeworks.signal.bands import row_bands
@@ -40,6 +41,7 @@ from fringeworks.types import (
     sealed,
 )
 
+Result = TypeVar("Result")
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".pgm", ".ppm")
 """Images that are read without a further package."""
 TIFF_SUFFIXES = (".tif", ".tiff")
@@ -93,10 +95,18 @@ class _Image(NamedTuple):
     """Pixels of a coloured image with a channel at the limit of its type, by their number."""
     channel: str = ""
     """The channel of a colour image that ``grey`` is; empty for all."""
+    first_px: tuple[float, float] | None = None
+    """Place of the first pixel, where ``grey`` has every second column and row of a mosaic."""
 
     @property
     def notes(self) -> tuple[str, ...]:
         """The conversion to grey in one sentence."""
+        if self.first_px is not None:
+            x, y = (f"{2} × {name} + {at:g}" for name, at in zip("xy", self.first_px, strict=True))
+            return (
+                f"{self.path.name}: pixels of the channel {self.channel} of a raw mosaic; pixel "
+                f"x, y is that at column {x}, row {y} of the image",
+            )
         if self.channel:
             return (f"{self.path.name}: channel {self.channel} of a colour image",)
         if self.channels == 1:
@@ -125,6 +135,8 @@ class ReadFrames(Frozen):
     were given, or no image is coloured."""
     colour_noise: tuple[CameraNoise, ...] | None = None
     """Noise of the colour's channels, where it is known."""
+    first_px: tuple[float, float] | None = None
+    """Place of the first pixel, where the frames have every second column and row of a mosaic."""
 
 
 def read_frame(path: StrPath) -> tuple[NDArray[Any], tuple[str, ...]]:
@@ -169,6 +181,8 @@ def read_frames(
     stack: bool,
     channels: str = "",
     weights: Mapping[int, float] | None = None,
+    mosaic: str = "",
+    grey: bool = False,
 ) -> ReadFrames:
     """Read images that belong together as grey frames.
 
@@ -186,6 +200,10 @@ def read_frames(
         of all with the least noise; empty for luminance.
     weights : mapping, optional
         Weights of the images, by their numbers, whose mean is the scene under even light.
+    mosaic : str
+        Filters of raw frames, as "rggb": of the channel, only its own pixels are read.
+    grey : bool
+        Whether grey images are taken as they are, also where channels are named.
 
     Returns
     -------
@@ -199,9 +217,8 @@ def read_frames(
     # Luminance is among the frames unless channels are named.
     colours = SceneColour(weights or {}, len(paths), own_light=bool(channels))
     if channels == BEST:
-        images = _read_all(paths, "".join(CHANNELS), colours)
-        return _least_noise(images, colours)
-    images = _read_all(paths, channels, colours)
+        return _least_noise(paths, colours)
+    images = _read_all(paths, channels, colours, mosaic, grey)
     for image in images:
         if stack and image.kind != images[0].kind:
             raise FramesContradictPlan(
@@ -218,6 +235,7 @@ def read_frames(
         1.0 if whole else None,
         any(image.lossy for image in images),
         float(np.iinfo(images[0].kind).max) if stack and converted and whole else None,
+        first_px=images[0].first_px if images else None,
         **_seen_colour(colours, () if channels else [image.grey for image in images]),
     )
 
@@ -227,27 +245,42 @@ def _seen_colour(colours: SceneColour, light: Sequence[NDArray[Any]]) -> dict[st
     return {"colour_noise": noise, "colour": None if colour is None else sealed(colour)}
 
 
-def _least_noise(images: Sequence[_Image], colours: SceneColour) -> ReadFrames:
-    """Frames of colour images, by the combination of their channels with the least noise."""
-    count = len(CHANNELS)
-    several = [images[k : k + count] for k in range(0, len(images), count)]
-    kind, shape = images[0].kind, images[0].grey.shape
-    for image in images:
-        if image.kind != kind or image.grey.shape != shape:
+def _least_noise(paths: Sequence[Path], colours: SceneColour) -> ReadFrames:
+    """Frames of colour images, by the combination of their channels with the least noise.
+
+    Each image is read twice: for the weights, and for its frame. All of them at once would take
+    several times the memory of the frames.
+    """
+    lossy = []
+
+    def look(path: Path, number: int) -> Sampled:
+        del number
+        array, compressed = _colour_image(path, CHANNELS)
+        lossy.append(compressed)
+        return sampled(array)
+
+    seen = _on_all(paths, look)
+    for path, one in zip(paths, seen, strict=True):
+        if one.kind != seen[0].kind or one.shape[:2] != seen[0].shape[:2]:
             raise FramesContradictPlan(
-                f"{image.path}: expected counts as in {images[0].path.name}, {kind} {shape}, got "
-                f"{image.kind} {image.grey.shape}"
+                f"{path}: expected counts as in {paths[0].name}, {seen[0].kind} "
+                f"{seen[0].shape[:2]}, got {one.kind} {one.shape[:2]}"
             )
-    frames = [np.stack([image.grey for image in one], axis=-1) for one in several]
-    weights = best_weights(frames)
+    weights = best_weights(seen)
+
+    def combine(path: Path, number: int) -> NDArray[Any]:
+        array, _ = _colour_image(path, CHANNELS)
+        colours.add(number, array, coloured=True)
+        return sealed(combined(array, weights))
+
     words = ", ".join(f"{w:.2f} {name}" for w, name in zip(weights, CHANNELS, strict=True))
-    whole = kind.kind in "ui"
+    kind = seen[0].kind
     return ReadFrames(
-        tuple(sealed(combined(frame, weights)) for frame in frames),
+        tuple(_on_all(paths, combine)),
         (f"frames are the combination of channels with the least noise: {words}",),
-        1.0 if whole else None,
-        any(image.lossy for image in images),
-        float(np.iinfo(kind).max) if whole else None,
+        1.0 if kind.kind in "ui" else None,
+        any(lossy),
+        float(np.iinfo(kind).max) if kind.kind in "ui" else None,
         **_seen_colour(colours, ()),
     )
 
@@ -260,25 +293,58 @@ def _as_luminance(image: _Image, *, mark_clipped: bool) -> _Image:
     return image._replace(grey=grey, coloured=True)
 
 
-def _read_all(paths: Sequence[Path], channels: str, colours: SceneColour) -> list[_Image]:
+def _read_all(
+    paths: Sequence[Path], channels: str, colours: SceneColour, mosaic: str, grey: bool
+) -> list[_Image]:
     """Read images on all processors: decoding leaves the interpreter to others for a part of its
     time."""
+
+    def read(path: Path, number: int) -> list[_Image]:
+        return _read(path, channels, number, colours, mosaic, grey)
+
+    return [image for images in _on_all(paths, read) for image in images]
+
+
+def _on_all(paths: Sequence[Path], read: Callable[[Path, int], Result]) -> list[Result]:
+    """What a function makes of each file and its number, on all processors."""
     # Limits on files belong to the context of the caller.
     contexts = [copy_context() for _ in paths]
-
-    def read(number: int) -> list[_Image]:
-        return contexts[number].run(_read, paths[number], channels, number, colours)
-
     # Raw photographs take several times the memory of a frame while they are read.
     raw = any(path.suffix.lower() in RAW_SUFFIXES for path in paths)
     with ThreadPoolExecutor(1 if raw else max(1, min(len(paths), os.cpu_count() or 1))) as pool:
-        return [image for images in pool.map(read, range(len(paths))) for image in images]
+        return list(pool.map(lambda n: contexts[n].run(read, paths[n], n), range(len(paths))))
 
 
 def _read(
-    path: Path, channels: str, number: int = 0, colours: SceneColour | None = None
+    path: Path,
+    channels: str,
+    number: int = 0,
+    colours: SceneColour | None = None,
+    mosaic: str = "",
+    grey: bool = False,
 ) -> list[_Image]:
     """The frames of an image file: one for each of the channels, or its grey one."""
+    array, lossy = _image(path)
+    with parsing(path, "an image"):
+        if mosaic:
+            return [_plane(path, array, channels, mosaic, lossy)]
+        if not channels or (grey and array.ndim == 2):
+            one = _to_grey(path, array, lossy)
+            if colours is not None:
+                colours.add(number, array, coloured=one.coloured)
+            return [one]
+        _check_coloured(array, channels)
+        if colours is not None:
+            colours.add(number, array, coloured=True)
+        parts = [_channel(array, CHANNELS.index(letter)) for letter in channels]
+        return [
+            _Image(path, part, array.dtype, array.shape[2], False, lossy, channel=letter)
+            for part, letter in zip(parts, channels, strict=True)
+        ]
+
+
+def _image(path: Path) -> tuple[NDArray[Any] | BayerImage, bool]:
+    """The counts of an image in a type that frames have, and whether it is lossily compressed."""
     path = existing_file(path, "an image file")
     if path.stat().st_size == 0:
         raise FileProblem(f"{path}: expected an image, got an empty file")
@@ -290,22 +356,32 @@ def _read(
             raise FileProblem(f"expected counts, got {array.dtype}")
         if isinstance(array, np.ndarray):
             array = _as_counts(array.astype(array.dtype.newbyteorder("="), copy=False))
-        if not channels:
-            grey = _to_grey(path, array, lossy)
-            if colours is not None:
-                colours.add(number, array, coloured=grey.coloured)
-            return [grey]
-        if array.ndim != 3 or array.shape[2] < len(CHANNELS):
-            raise FileProblem(
-                f"expected a colour image for its channels {channels}, got a grey one"
-            )
-        if colours is not None:
-            colours.add(number, array, coloured=True)
-        parts = [_channel(array, CHANNELS.index(letter)) for letter in channels]
-        return [
-            _Image(path, part, array.dtype, array.shape[2], False, lossy, channel=letter)
-            for part, letter in zip(parts, channels, strict=True)
-        ]
+    return array, lossy
+
+
+def _colour_image(path: Path, channels: str) -> tuple[NDArray[Any] | BayerImage, bool]:
+    """The counts of a colour image, and whether it is lossily compressed."""
+    array, lossy = _image(path)
+    with parsing(path, "an image"):
+        _check_coloured(array, channels)
+    return array, lossy
+
+
+def _check_coloured(array: NDArray[Any] | BayerImage, channels: str) -> None:
+    if array.ndim != 3 or array.shape[2] < len(CHANNELS):
+        raise FileProblem(f"expected a colour image for its channels {channels}, got a grey one")
+
+
+def _plane(
+    path: Path, array: NDArray[Any] | BayerImage, channel: str, mosaic: str, lossy: bool
+) -> _Image:
+    """The pixels of one channel of a raw frame."""
+    plane, first = plane_of_image(array, mosaic, channel)
+    # A mean of two pixels is no whole count, as luminance is none.
+    mean = plane.dtype != array.dtype
+    limit = np.iinfo(array.dtype).max if array.dtype.kind in "ui" else None
+    full = np.flatnonzero(plane == limit).astype(np.uint32) if mean and limit else None
+    return _Image(path, plane, array.dtype, 1, mean, lossy, full, channel, first)
 
 
 def _counts_of(path: Path) -> tuple[NDArray[Any] | BayerImage, bool]:

@@ -21,6 +21,7 @@ from fringeworks.patterns.encode import encode
 from fringeworks.patterns.plan import (
     Block,
     GrayCode,
+    LightColour,
     PatternPlan,
     PhaseSteps,
     Uniform,
@@ -106,6 +107,8 @@ class PlanFile(Section):
     """Whether red, green and blue of a picture show three frames."""
     bits_in_turn: bool = False
     """Whether bits of the Gray codes along x and y alternate."""
+    channel: LightColour | None = None
+    """Colour of the light, and channel of colour images that is decoded."""
     sequence: list[Entry] = Field(min_length=1, max_length=MAX_BLOCKS)
 
 
@@ -136,6 +139,7 @@ def read_plan(path: StrPath) -> PatternPlan:
             content.mirrored,
             content.colours,
             content.bits_in_turn,
+            content.channel,
         )
 
 
@@ -219,6 +223,7 @@ def format_plan(plan: PatternPlan) -> str:
     content |= {"mirrored": list(plan.mirrored)} if plan.mirrored else {}
     content |= {"colours": True} if plan.colours else {}
     content |= {"bits_in_turn": True} if plan.bits_in_turn else {}
+    content |= {} if plan.channel is None else {"channel": plan.channel}
     return tomli_w.dumps(content | {"sequence": sequence})
 
 

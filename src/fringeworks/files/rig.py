@@ -21,6 +21,7 @@ from fringeworks.rig.pinhole import check_lens
 from fringeworks.types import (
     RIG_PARAMETERS,
     CameraBlur,
+    ColourPlane,
     FileProblem,
     FloatMap,
     InputError,
@@ -90,6 +91,9 @@ class DeviceSection(Section):
     """Root mean square reprojection residual of the calibration; left out where unknown."""
     region: tuple[int, int, int, int] | None = None
     """First column, first row, columns and rows on the camera's sensor; left out where unknown."""
+    plane_px: tuple[float, float] | None = None
+    """Column and row of the first pixel in the region, where only every second column and row is
+    read, of one colour of a mosaic; left out for all pixels."""
     field: FieldSection | None = None
     """Correction of its pixels; left out where none."""
 
@@ -267,7 +271,9 @@ def format_rig(rig: Rig) -> str:
         "T_projector_camera": pose_section(rig.T_projector_camera),
     }
     if rig.region is not None:
-        content["camera"]["region"] = list(astuple(rig.region))
+        content["camera"]["region"] = list(astuple(rig.region)[:4])
+        if isinstance(rig.region, ColourPlane):
+            content["camera"]["plane_px"] = list(rig.region.first_px)
     if rig.covariance is not None:
         content["uncertainty"] = uncertainty_section(rig.covariance, RIG_PARAMETERS)
         if rig.structure_px > 0:
@@ -380,9 +386,16 @@ def _from_toml(content: RigFile) -> Rig:
         origin,
         0.0 if content.uncertainty is None else content.uncertainty.structure_px,
         None if content.blur is None else CameraBlur(**content.blur.as_dict()),
-        None if content.camera.region is None else Region(*content.camera.region),
+        _region_of(content.camera),
         None if content.robot is None else content.robot.as_frame(),
     )
+
+
+def _region_of(camera: DeviceSection) -> Region | None:
+    """The part of the sensor that a rig file names."""
+    if camera.region is None or camera.plane_px is None:
+        return None if camera.region is None else Region(*camera.region)
+    return ColourPlane(*camera.region, camera.plane_px)
 
 
 def pinhole_of(device: DeviceSection) -> Pinhole:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from fringeworks.files.images import (
     read_frames,
 )
 from fringeworks.files.limits import existing_file, inside, is_file, is_folder, parsing, told
+from fringeworks.files.mosaic import checked_mosaic, first_px, plane_of_image
 from fringeworks.files.npz import read_npz
 from fringeworks.files.pair import CAPTURE_FILE, missing_description
 from fringeworks.files.photographs import PHOTOGRAPH_SUFFIXES
@@ -40,7 +41,14 @@ from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.colour_steps import unmix
 from fringeworks.stack.even_light import texture_weights
 from fringeworks.stack.frames import Stack, step_of
-from fringeworks.types import NUMBERS, FileProblem, FramesContradictPlan, Region, sealed
+from fringeworks.types import (
+    NUMBERS,
+    ColourPlane,
+    FileProblem,
+    FramesContradictPlan,
+    Region,
+    sealed,
+)
 
 STACK_SUFFIXES = (*TIFF_SUFFIXES, ".npy", ".npz", ".mat", *VIDEO_SUFFIXES)
 """Single files that hold a stack."""
@@ -59,8 +67,23 @@ MAX_NOTES = 1
 """Notes about single frames that are kept in full; the others are counted."""
 
 
+class _Channels(NamedTuple):
+    """What is read of colour images and raw frames."""
+
+    letters: str
+    """Channels that are a frame each; empty for luminance."""
+    mosaic: str
+    """Filters of raw frames; empty for none."""
+    named: bool
+    """Whether the channels were named beside the plan, so that grey images are refused."""
+
+
 def read_stack(
-    path: StrPath, plan: StrPath | PatternPlan | None = None, *, channels: str | None = None
+    path: StrPath,
+    plan: StrPath | PatternPlan | None = None,
+    *,
+    channels: str | None = None,
+    mosaic: str | None = None,
 ) -> Stack:
     """Read a stack of frames.
 
@@ -76,12 +99,18 @@ def read_stack(
     channels : str, optional
         Channels of colour images that are a frame each: "g" or "green" for green alone, "rgb" where
         every image holds three frames of the plan; "best" for the combination of all three with the
-        least noise. By default those that ``capture.toml`` says.
+        least noise. By default those that ``capture.toml`` says, or the channel of the plan.
+    mosaic : str, optional
+        Filters of raw frames that nobody interpolated, as "rggb": those of the first two pixels of
+        the first row and of the second; "file" for raw photographs, which say it. Of the one
+        channel, only its own pixels are read: frames of half as many columns and rows. By default
+        what ``capture.toml`` says.
 
     Returns
     -------
     Stack with frames as stored. Uncompressed TIFF and ``.npy`` stay on disk. If an image of a
-    folder is coloured, all become luminance, float32, unless channels are named.
+    folder is coloured, all become luminance, float32, unless channels are named. Those of a mosaic
+    have their place in the frame as ``region``, by which ``measure`` adapts a rig.
 
     Raises
     ------
@@ -97,7 +126,7 @@ def read_stack(
     path = Path(path)
     if is_folder(path):
         with parsing(path, "a stack of frames"):
-            return _read_folder(path, plan, channels)
+            return _read_folder(path, plan, channels, mosaic)
     if not is_file(path):
         raise FileProblem(
             f"{told(path)}: expected a folder or a stack of frames, got nothing there"
@@ -113,10 +142,14 @@ def read_stack(
     if layout.colours:
         read = _read_colours([path], layout, checked_channels(channels), None)
         return replace(read, sources=(source_of(path),))
-    frames, lossy, notes = _read_file(path, checked_channels(channels), layout)
+    letters = checked_channels(channels or layout.channel)
+    mosaic = checked_mosaic(mosaic, letters)
+    frames, lossy, notes = _read_file(path, _Channels(letters, mosaic, bool(channels)), layout)
+    shapes = {frame.shape for frame in frames}
     return Stack(
         frames,
         layout,
+        region=_plane(None, shapes, first_px(mosaic, letters)) if mosaic else None,
         notes=notes,
         sources=(source_of(path),),
         count_step=step_of(frames[0].dtype) if frames else None,
@@ -125,7 +158,11 @@ def read_stack(
 
 
 def read_poses(
-    folder: StrPath, plan: StrPath | PatternPlan | None = None, *, channels: str | None = None
+    folder: StrPath,
+    plan: StrPath | PatternPlan | None = None,
+    *,
+    channels: str | None = None,
+    mosaic: str | None = None,
 ) -> Iterator[tuple[str, Stack]]:
     """Read the stacks of a calibration, one after the other.
 
@@ -151,7 +188,7 @@ def read_poses(
     if plan is None and is_file(folder / PLAN_FILE):
         plan = folder / PLAN_FILE
     for path in paths:
-        yield path.name, read_stack(path, plan, channels=channels)
+        yield path.name, read_stack(path, plan, channels=channels, mosaic=mosaic)
 
 
 def pose_paths(folder: StrPath) -> list[Path]:
@@ -257,31 +294,29 @@ def _read_colours(
     return replace(unmix(pictures, plan, saturation=saturation), lossy=lossy)
 
 
-def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str | None) -> Stack:
+def _read_folder(
+    folder: Path,
+    plan: StrPath | PatternPlan | None,
+    channels: str | None,
+    mosaic: str | None,
+) -> Stack:
     content = _described(folder)
+    named = channels or content.channels or content.channel
+    if content.channels and content.channel:
+        raise FileProblem(f"{folder}: expected channels or channel in {CAPTURE_FILE}, got both")
     listed = content.frames if content.frames is not None else video_in(folder)
     if plan is None:
         plan = inside(folder, content.plan)
         if not is_file(plan):
             raise missing_description(folder, told(content.plan), captures_in(folder))
     layout, saturation = _plan_of(plan), content.saturation
-    channels = checked_channels(channels or content.channels)
+    letters = checked_channels(named or layout.channel)
+    taken = _Channels(letters, checked_mosaic(mosaic or content.mosaic, letters), bool(named))
     tomls = [folder / CAPTURE_FILE] if is_file(folder / CAPTURE_FILE) else []
     tomls += [] if isinstance(plan, PatternPlan) else [Path(plan)]
     if layout.colours:
-        return _colour_capture(folder, layout, content, channels, tomls)
-    if isinstance(listed, str):
-        paths = [existing_file(inside(folder, listed), "a stack of frames")]
-        frames, lossy, said = _read_file(paths[0], channels, layout)
-        read = ReadFrames(tuple(frames), (), step_of(frames[0].dtype) if frames else None, lossy)
-        notes = list(said)
-    else:
-        paths, notes = _images_in_order(folder, listed, channels, layout)
-        # Where an image holds several frames, each channel has a pattern of its own.
-        single = channels == BEST or len(channels) <= 1
-        shown = texture_weights(layout) if single else {}
-        read = read_frames(paths, stack=True, channels=channels, weights=shown)
-        notes += _first_of(read.notes) if single else [LEAKING]
+        return _colour_capture(folder, layout, content, letters, tomls)
+    paths, notes, read = _frames_of(folder, listed, layout, taken)
     return Stack(
         read.frames,
         layout,
@@ -292,11 +327,32 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
         tuple(source_of(path) for path in (*paths, *tomls)),
         read.count_step,
         read.lossy,
-        _region_of(content, read.frames),
+        _region_of(content, read),
         read.colour,
         content.white_balance,
         colour_noise=read.colour_noise,
     )
+
+
+def _frames_of(
+    folder: Path, listed: Sequence[str] | str | None, layout: PatternPlan, taken: _Channels
+) -> tuple[list[Path], list[str], ReadFrames]:
+    """The files of a folder's frames, what was done to them, and the frames."""
+    channels, mosaic = taken.letters, taken.mosaic
+    if isinstance(listed, str):
+        path = existing_file(inside(folder, listed), "a stack of frames")
+        frames, lossy, said = _read_file(path, taken, layout)
+        first = first_px(mosaic, channels) if mosaic else None
+        step = step_of(frames[0].dtype) if frames else None
+        return [path], list(said), ReadFrames(tuple(frames), (), step, lossy, first_px=first)
+    paths, notes = _images_in_order(folder, listed, channels, layout)
+    # Where an image holds several frames, each channel has a pattern of its own.
+    single = channels == BEST or len(channels) <= 1
+    shown = texture_weights(layout) if single and not mosaic else {}
+    read = read_frames(
+        paths, stack=True, channels=channels, weights=shown, mosaic=mosaic, grey=not taken.named
+    )
+    return paths, notes + (_first_of(read.notes) if single else [LEAKING]), read
 
 
 def _colour_capture(
@@ -315,7 +371,7 @@ def _colour_capture(
         projector=content.devices.projector,
         notes=(*notes, *read.notes),
         sources=tuple(source_of(path) for path in (*paths, *tomls)),
-        region=_region_of(content, read.frames),
+        region=_region_of(content, read),
         white_balance=content.white_balance,
     )
 
@@ -331,12 +387,26 @@ def _images_in_order(
     return in_plan_order(given, layout, folder, listed=names is not None)
 
 
-def _region_of(content: StackFile, frames: Sequence[NDArray[Any]]) -> Region | None:
+def _region_of(content: StackFile, read: ReadFrames | Stack) -> Region | None:
     """The part of the sensor that frames show, unless their size is another by now."""
     region = settings_of(content.settings).region
-    shapes = {frame.shape for frame in frames}
-    fits = region is not None and shapes == {(region.height_px, region.width_px)}
+    shapes = {frame.shape for frame in read.frames}
+    if isinstance(read, ReadFrames) and read.first_px is not None:
+        return _plane(region, shapes, read.first_px)
+    fits = region is not None and shapes == {region.shape}
     return region if fits else None
+
+
+def _plane(
+    region: Region | None, shapes: set[tuple[int, ...]], first: tuple[float, float]
+) -> ColourPlane | None:
+    """The pixels of one colour that frames show, in a part of a sensor or the whole of it."""
+    if len(shapes) != 1:
+        return None
+    rows, columns = next(iter(shapes))
+    whole = region or Region(0, 0, 2 * columns, 2 * rows)
+    found = ColourPlane(whole.x_px, whole.y_px, whole.width_px, whole.height_px, first)
+    return found if found.shape == (rows, columns) else None
 
 
 def _first_of(notes: Sequence[str]) -> list[str]:
@@ -445,18 +515,21 @@ def video_in(folder: Path) -> str | None:
 
 
 def _read_file(
-    path: Path, channels: str, plan: PatternPlan
+    path: Path, taken: _Channels, plan: PatternPlan
 ) -> tuple[Sequence[NDArray[Any]], bool, tuple[str, ...]]:
     """The frames of a file, whether they are lossily compressed, and what was done to them."""
     stack, lossy = open_stack_file(path)
+    channels, mosaic, named = taken
     if channels == BEST:
         raise FileProblem(f"{path}: expected a folder of colour images for their best combination")
     if path.suffix.lower() in VIDEO_SUFFIXES:
-        if channels:
+        if named or mosaic:
             raise FileProblem(f"{path}: expected images for their channels, got a video")
         stack, notes = frames_of_plan(path, stack, plan.frames)
         return list(sealed(stack)), lossy, notes
-    if channels:
+    if mosaic:
+        return [sealed(plane_of_image(page, mosaic, channels)[0]) for page in stack], lossy, ()
+    if channels and (named or stack.ndim == 4):
         if stack.ndim != 4 or stack.shape[3] < len(CHANNELS):
             raise FileProblem(
                 f"{path}: expected colour frames of shape (n, h, w, 3) for their channels "

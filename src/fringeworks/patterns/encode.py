@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.binary import diffused
-from fringeworks.patterns.plan import COLOURS, SOLID, PatternPlan, Uniform
+from fringeworks.patterns.plan import COLOURS, SOLID, LightColour, PatternPlan, Uniform
 from fringeworks.types import FloatMap, InputError
 
 DITHER_THRESHOLDS = 8
@@ -38,7 +39,8 @@ def encode(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
     Yields
     ------
     (height, width) arrays of counts 0 … 2^bits − 1: uint8 up to 8 bits, uint16 for more. With
-    ``colours``, (height, width, 3) arrays with red, green and blue, and solid ones at the end.
+    ``colours``, (height, width, 3) arrays with red, green and blue, and solid ones at the end;
+    with a ``channel``, such arrays that are dark in the other two.
 
     Notes
     -----
@@ -52,6 +54,12 @@ def encode(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
     >>> [int(picture[0, 0]) for picture in encode(plan)]
     [255, 128, 0, 128]
     """
+    if plan.channel is not None:
+        for grey in _grey(plan):
+            picture = np.zeros((*grey.shape, COLOURS), np.uint8)
+            picture[..., get_args(LightColour).index(plan.channel)] = grey
+            yield picture
+        return
     if not plan.colours:
         yield from _grey(plan)
         return
@@ -97,7 +105,7 @@ def _grey(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
 
 
 def grey_pictures(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
-    """The pictures of a plan in grey, for what shows or sees no colours.
+    """The pictures of a plan in grey, for what shows or sees no colours, or one alone.
 
     Raises
     ------
@@ -119,7 +127,7 @@ def refuse_colours(plan: PatternPlan) -> None:
 def thrown(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
     """The pictures of a plan as they leave the projector, mirrored where the plan says so.
 
-    With ``colours``, as those of ``encode``.
+    With ``colours`` or a ``channel``, as those of ``encode``.
     """
     rows, columns = (slice(None, None, -1 if axis in plan.mirrored else 1) for axis in ("y", "x"))
     for picture in encode(plan):

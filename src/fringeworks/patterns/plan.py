@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import chain, pairwise, zip_longest
-from typing import Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,9 @@ useful, because the precision grows only with √N.
 
 COLOURS = 3
 """Colours of a picture: red, green and blue."""
+
+LightColour = Literal["red", "green", "blue"]
+"""One colour of a projector's light, and the channel of a colour camera that sees it."""
 
 SOLID = ("red", "green", "blue", "black")
 """Solid pictures at the end of a plan with colours, in their order."""
@@ -306,11 +309,16 @@ class PatternPlan(Plotted, Frozen):
     bits_in_turn: bool = False
     """Whether the bits of the Gray codes along x and y alternate, from that of the first code on.
     The codes follow each other in ``blocks`` then."""
+    channel: LightColour | None = None
+    """Colour of the light that all pictures are shown in, and channel of colour images that is
+    decoded; None for white light and luminance."""
 
     def __post_init__(self) -> None:
         check_projector(self.width_px, self.height_px)
         if self.colours:
             self._check_colours()
+        if self.channel is not None:
+            self._check_channel(self.channel)
         if self.bits not in DEPTHS:
             depths = ", ".join(str(depth) for depth in DEPTHS)
             raise InputError(f"bits: expected one of {depths}, got {self.bits}")
@@ -350,6 +358,15 @@ class PatternPlan(Plotted, Frozen):
                 "other and both with or both without inverse pictures"
             )
 
+    def _check_channel(self, channel: str) -> None:
+        """Refuse a colour that is none, and pictures that hold no single colour."""
+        if channel not in get_args(LightColour):
+            names = ", ".join(get_args(LightColour))
+            raise InputError(f"channel: expected one of {names}, got {channel!r}")
+        if self.colours or self.bits != 8:
+            got = "frames in all three" if self.colours else f"{self.bits} bit"
+            raise InputError(f"channel: expected pictures of 8 bit in one colour, got {got}")
+
     def _check_colours(self) -> None:
         """Refuse blocks that do not fit into the colours of pictures."""
         if self.bits != 8 or self.dither:
@@ -384,6 +401,12 @@ class PatternPlan(Plotted, Frozen):
         if not self.colours:
             return self.labels()
         return [f"colours-{name}" for name in self.labels()[::COLOURS]] + list(SOLID)
+
+    def seen(self, frame: NDArray[Any]) -> NDArray[Any]:
+        """What is decoded of a frame: of colours (h, w, 3), the channel of a plan that has one."""
+        if self.channel is None or frame.ndim != COLOURS or frame.shape[2] != COLOURS:
+            return frame
+        return frame[..., get_args(LightColour).index(self.channel)]
 
     def length_px(self, axis: Axis) -> int:
         """Length of the projector along an axis, px."""
@@ -451,6 +474,7 @@ class PatternPlan(Plotted, Frozen):
             mirrored=(),
             colours=False,
             bits_in_turn=False,
+            channel=None,
         )
         return plan, frames
 

@@ -18,6 +18,7 @@ from fringeworks.pipeline.decoding import decoded_exposures, given_options, of_f
 from fringeworks.pipeline.inputs import inputs_of, stack_of, stacks_of
 from fringeworks.pipeline.scene_colour import colour_findings, scene_brightness
 from fringeworks.rig.depth_range import DepthRange, depth_range_of
+from fringeworks.rig.lit_side import refuse_wrong_side
 from fringeworks.rig.point_findings import point_findings
 from fringeworks.rig.sensor_region import rig_for_region
 from fringeworks.rig.triangulate import Triangulator
@@ -110,8 +111,8 @@ def measure(
         points = rig.triangulate(
             found, axis=axis, epipolar_px=epipolar_px, colour=scene_brightness(stacks, found)
         )
-        if blur_px is not None or rig.rig.blur is not None:
-            points = _without_blur(points, rig.rig, blur_px, found, axis)
+        points = _without_blur(points, rig.rig, blur_px, found, axis)
+        refuse_wrong_side(points, rig.rig)
     seconds = time.perf_counter() - started
     origin = made_by(
         "measure",
@@ -151,7 +152,9 @@ def _sharpened(rig: Rig, blur_px: float | None) -> bool:
 def _without_blur(
     points: PointCloud, rig: Rig, blur_px: float | None, found: Decoded, axis: Axis | None
 ) -> PointCloud:
-    """The points without the error of blur, by the axes that they come from."""
+    """The points without the error of a known blur, by the axes that they come from."""
+    if blur_px is None and rig.blur is None:
+        return points
     used = {a: m for a, m in found.maps.items() if axis is None or a == axis}
     return remove_blur(
         points,

@@ -9,6 +9,7 @@ import numpy as np
 from fringeworks.types import (
     RIG_PARAMETERS,
     CameraBlur,
+    ColourPlane,
     FloatMap,
     InputError,
     LensField,
@@ -21,6 +22,9 @@ from fringeworks.types.checks import MOST_PX, positive, whole
 
 PIXEL_PX2 = 1.0 / 12.0
 """Variance that collecting light over a whole pixel adds to the blur, px²."""
+GREENS_PX2 = 0.25
+"""Variance that the mean of the two greens of a mosaic adds to the blur: each lies half a pixel
+from their middle, px²."""
 LEAST_SIDE_PX = 16
 """Smallest side of frames that a rig is converted for, px: smaller ones measure nothing."""
 
@@ -68,7 +72,26 @@ def for_frames(
         return rig
     # Resampled frames have whole sizes, so that each axis has a scale of its own.
     s = np.array([1.0 / binning if binning > 1 else a / b for a, b in zip(made, size, strict=True)])
-    first = np.array([region.x_px, region.y_px], np.float64)
+    shown = _on_sensor(rig.region, region) if (s == 1.0).all() else None
+    return _converted(rig, region, np.zeros(2), s, made, shown)
+
+
+def _converted(
+    rig: Rig,
+    region: Region,
+    moved_px: FloatMap,
+    s: FloatMap,
+    made: list[int],
+    shown: Region | None,
+    area_px2: float | None = None,
+) -> Rig:
+    """The rig for pixels of another size in a region that begins ``moved_px`` further on.
+
+    ``area_px2`` is the variance that the new pixels' area adds to the blur, in the old pixels; by
+    default that of larger pixels.
+    """
+    camera = rig.camera
+    first = np.array([region.x_px, region.y_px], np.float64) + moved_px
     principal = s * (np.array(camera.principal_px) - first + 0.5) - 0.5
     focal = s * np.array(camera.focal_px)
     covariance = None
@@ -89,8 +112,32 @@ def for_frames(
         ),
         covariance=covariance,
         residual_px=None if residual is None else (float(s.mean()) * residual[0], residual[1]),
-        blur=None if rig.blur is None else _blur(rig.blur, camera.shape, region, s),
-        region=_on_sensor(rig.region, region) if (s == 1.0).all() else None,
+        blur=None if rig.blur is None else _blur(rig.blur, camera.shape, region, s, area_px2),
+        region=shown,
+    )
+
+
+def _for_plane(rig: Rig, plane: ColourPlane) -> Rig:
+    """The rig for every second column and row of its frames, or of a part of them.
+
+    A pixel at x becomes ½ (x − x₀), with the first pixel at x₀. Its area stays that of the sensor's
+    pixel, so that the variance of the blur becomes ¼ v. The mean of two greens adds ¼ px² to v,
+    because they lie half a pixel from their middle along both axes.
+    """
+    rows, columns = plane.shape
+    if rig.region is not None:
+        whole = Region(plane.x_px, plane.y_px, plane.width_px, plane.height_px)
+        rig = rig_for_region(rig, whole)
+    elif tuple(n // 2 for n in rig.camera.shape) != plane.shape:
+        return rig  # already for such frames, or for others, which is told where they are compared
+    return _converted(
+        rig,
+        Region(0, 0, *rig.camera.shape[::-1]),
+        np.array(plane.first_px) - 0.5,
+        np.array([0.5, 0.5]),
+        [columns, rows],
+        plane,
+        float(np.mean(np.array(plane.first_px) == 0.5)) * GREENS_PX2,
     )
 
 
@@ -119,14 +166,28 @@ def rig_for_region(rig: Rig, region: Region | None) -> Rig:
     RigMismatch for frames that show what the rig was not calibrated for.
     """
     known = rig.region
+    if isinstance(region, ColourPlane) and not isinstance(known, ColourPlane):
+        return _for_plane(rig, region)
     if region is None or known is None or region == known:
         return rig
+    if isinstance(known, ColourPlane):
+        raise RigMismatch(
+            f"rig: it is for the pixels of one colour, every second one from {_first(known)} on, "
+            f"got frames of {_first(region)}"
+        )
     if not _holds(known, region):
         raise RigMismatch(
             f"rig: it is for {_told(known)} of the sensor, got frames of {_told(region)}"
         )
     inside = replace(region, x_px=region.x_px - known.x_px, y_px=region.y_px - known.y_px)
     return for_frames(rig, region=inside)
+
+
+def _first(region: Region) -> str:
+    """Which pixels of a mosaic frames have."""
+    if not isinstance(region, ColourPlane):
+        return "all pixels"
+    return "column {:g}, row {:g}".format(*region.first_px)
 
 
 def _told(region: Region) -> str:
@@ -165,7 +226,13 @@ def _field(field: LensField, first: FloatMap, s: FloatMap) -> LensField:
     )
 
 
-def _blur(blur: CameraBlur, shape: tuple[int, int], region: Region, s: FloatMap) -> CameraBlur:
+def _blur(
+    blur: CameraBlur,
+    shape: tuple[int, int],
+    region: Region,
+    s: FloatMap,
+    area_px2: float | None = None,
+) -> CameraBlur:
     """The blur by the place in the new frame, in its pixels.
 
     The old place is x = a x' + b, in halves of the widths from the middles of the frames.
@@ -188,6 +255,8 @@ def _blur(blur: CameraBlur, shape: tuple[int, int], region: Region, s: FloatMap)
     square = float(np.mean(s * s))
     own = min(PIXEL_PX2, abs(float(moved[0])))
     moved *= square
-    if square < 1.0:
+    if area_px2 is not None:
+        moved[0] += square * area_px2
+    elif square < 1.0:
         moved[0] += own * (1.0 - square)
     return replace(blur, factors_px2=tuple(float(v) for v in moved))

@@ -16,11 +16,18 @@ from fringeworks.files.capture_writer import (
 )
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.exposure import auto_exposure
-from fringeworks.scan.frames import Grabbed, Progress, check_plan, seeing_colours, take_frames
+from fringeworks.scan.frames import (
+    Grabbed,
+    Progress,
+    check_plan,
+    mosaic_seen,
+    seeing_colours,
+    take_frames,
+)
 from fringeworks.scan.saturation import MOST_SATURATED
 from fringeworks.stack.colour_steps import unmix
 from fringeworks.stack.frames import Stack, step_of
-from fringeworks.types import CameraSettings, Delay
+from fringeworks.types import CameraSettings, Delay, InputError
 
 AVERAGED_SATURATION = 0.98
 """Share of the camera's full scale from which on a mean of several frames is not trusted: some of
@@ -116,6 +123,7 @@ def capture(
         settings=used,
         averaged=average,
         saturation=saturation_of(used, average),
+        mosaic=mosaic_seen(camera, plan),
         resume=resume,
         force=force,
     ) as writer:
@@ -175,6 +183,8 @@ def capture_in_memory(
         grabbed=grabbed,
     )
     frames = [frame for _, frame in taken]
+    if mosaic_seen(camera, plan) is not None:
+        raise InputError("camera: expected frames in a folder for channel=raw: capture them first")
     shown = used.region
     fits = shown is not None and frames[0].shape[:2] == (shown.height_px, shown.width_px)
     if plan.colours:

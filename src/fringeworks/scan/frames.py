@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fringeworks.devices.memory_projector import MemoryProjector
 from fringeworks.devices.protocols import Camera, ColourCamera, ColourProjector, Grab, Projector
 from fringeworks.devices.sequencer import SequenceProjector
-from fringeworks.patterns.encode import encode, refuse_colours
+from fringeworks.patterns.encode import encode, grey_pictures, refuse_colours
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.patterns.propose import Proposal
 from fringeworks.scan.agreement import Agreement
@@ -142,20 +142,23 @@ def pictures_of(
     """Draw the pictures of a plan in the projector's size, those of some numbers or all."""
     wanted = set(range(plan.pictures) if only is None else only)
     labels = plan.picture_labels()
-    for n, counts in enumerate(encode(plan)):
+    # The light of a projector without colours is set at the projector itself.
+    pictures = encode(plan) if plan.colours or _shows_colours(projector) else grey_pictures(plan)
+    for n, counts in enumerate(pictures):
         if n in wanted:
             yield Picture(n, labels[n], on_screen(counts, projector))
 
 
 @contextmanager
 def seeing_colours(camera: Camera, plan: PatternPlan) -> Iterator[None]:
-    """Let a camera deliver colours for a plan with colours, and grey frames again afterwards.
+    """Let a camera deliver colours for a plan with colours or a channel, and grey frames again
+    afterwards.
 
     Raises
     ------
     InputError for a plan with colours and a camera that delivers none.
     """
-    if not plan.colours:
+    if not plan.colours and (plan.channel is None or not _sees_colours(camera)):
         yield
         return
     if not isinstance(camera, ColourCamera):
@@ -168,6 +171,41 @@ def seeing_colours(camera: Camera, plan: PatternPlan) -> Iterator[None]:
         yield
     finally:
         camera.deliver_colours(False)
+
+
+def mosaic_seen(camera: Camera, plan: PatternPlan) -> str | None:
+    """The filters of a camera that delivers raw frames, as "rggb"; None for others.
+
+    Raises
+    ------
+    InputError for a plan without a channel, whose pixels would be measured.
+    """
+    mosaic: str | None = getattr(camera, "mosaic", None)
+    if mosaic is not None and plan.channel is None:
+        raise InputError(
+            f'plan: expected one with a channel, as channel = "blue", because the camera '
+            f"{camera.name} delivers raw frames; got white light"
+        )
+    return mosaic
+
+
+def _shows_colours(projector: Projector) -> bool:
+    return isinstance(projector, ColourProjector) and projector.shows_colours
+
+
+def _sees_colours(camera: Camera) -> bool:
+    """Whether a camera delivers colours in the format that it is set to."""
+    return isinstance(camera, ColourCamera) and getattr(camera, "sees_colours", True)
+
+
+def _check_light(projector: Projector, channel: str) -> None:
+    """Refuse a projector that shows no light of one colour."""
+    light = getattr(getattr(projector, "settings", None), "colour", None)
+    if not _shows_colours(projector) and light != channel:
+        raise InputError(
+            f"plan: expected a projector that shows {channel} pictures, or one whose light is set "
+            f"to {channel}, as dlpc900:colour={channel}; got {projector.name}"
+        )
 
 
 def check_plan(projector: Projector, plan: PatternPlan, *, colours: bool = False) -> None:
@@ -183,7 +221,9 @@ def check_plan(projector: Projector, plan: PatternPlan, *, colours: bool = False
         raise InputError(f"plan: expected a PatternPlan, got {type(plan).__name__}{of}")
     if not colours:
         refuse_colours(plan)
-    if plan.colours and not (isinstance(projector, ColourProjector) and projector.shows_colours):
+    if plan.channel is not None:
+        _check_light(projector, plan.channel)
+    if plan.colours and not _shows_colours(projector):
         raise InputError(
             f"plan: expected grey pictures, because the projector {projector.name} shows no "
             "pictures in colour, got colours"

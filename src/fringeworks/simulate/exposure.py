@@ -76,7 +76,8 @@ def photograph(
 
     for picture in thrown(plan):
         if not plan.colours:
-            yield _stored(imaging.seen(arrived(picture) + optics.ambient), optics, rng)
+            light = arrived(np.ascontiguousarray(plan.seen(picture)))
+            yield _stored(imaging.seen(light + optics.ambient), optics, rng)
             continue
         lights = [arrived(np.ascontiguousarray(picture[..., d])) for d in range(COLOURS)]
         channels = _channels(lights, optics, 1.0 if paint is None else paint)
@@ -135,7 +136,8 @@ def photograph_moving(
     rng = np.random.default_rng(optics.seed)
     for view, picture in zip(views, cycle(thrown(plan)), strict=False):
         imaging = _imaging(view, plan, optics)
-        arriving = view.shading * _light(imaging, picture, plan, optics)
+        seen = np.ascontiguousarray(plan.seen(picture))
+        arriving = view.shading * _light(imaging, seen, plan, optics)
         yield _stored(imaging.seen(arriving + optics.ambient), optics, rng)
 
 

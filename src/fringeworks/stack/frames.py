@@ -62,7 +62,8 @@ class Stack(Plotted, Frozen):
     """Frames with the plan that they follow."""
 
     frames: Sequence[NDArray[Any]]
-    """(h, w) arrays in the order of the plan, counts; those of a TIFF stack stay on disk."""
+    """(h, w) arrays in the order of the plan, counts; those of a TIFF stack stay on disk. Of
+    colours (h, w, 3), the channel of a plan that has one is kept."""
     plan: PatternPlan
     saturation: float | None = None
     """Counts from which on a sample is not trusted; None where the capture does not say. For frames
@@ -94,8 +95,8 @@ class Stack(Plotted, Frozen):
     """Noise of the red, green and blue of ``colour``, where it is known."""
 
     def __post_init__(self) -> None:
-        frames = self.frames
-        object.__setattr__(self, "frames", tuple(unmasked(frame, "frames") for frame in frames))
+        frames = (self.plan.seen(unmasked(frame, "frames")) for frame in self.frames)
+        object.__setattr__(self, "frames", tuple(frames))
         super().__post_init__()
 
 
@@ -108,11 +109,12 @@ def check_frames(frames: NDArray[Any] | Sequence[NDArray[Any]], plan: PatternPla
         If the number of frames is not the plan's, or a frame differs in size or type. The message
         names the frame.
     """
-    if isinstance(frames, np.ndarray) and frames.ndim != 3:
+    coloured = plan.channel is not None
+    if isinstance(frames, np.ndarray) and frames.ndim != 3 + coloured * (frames.ndim == 4):
         raise InputError(f"frames: expected shape (n, h, w), got {frames.shape}")
     if isinstance(frames, (str, os.PathLike)):
         raise InputError(f"frames: expected arrays, got the path {frames}; read_stack reads it")
-    planes = [unmasked(frame, "frames") for frame in frames]
+    planes = [plan.seen(unmasked(frame, "frames")) for frame in frames]
     labels = plan.labels()
     if len(planes) < len(labels):
         missing = ", ".join(labels[len(planes) :])

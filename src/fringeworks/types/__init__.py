@@ -24,7 +24,7 @@ from fringeworks.types.arrays import (
     count_reasons,
     reason_counts,
 )
-from fringeworks.types.camera import CameraNoise, CameraSettings, Region
+from fringeworks.types.camera import CameraNoise, CameraSettings, ColourPlane, Region
 from fringeworks.types.camera_blur import CameraBlur
 from fringeworks.types.checks import (
     LARGEST,
@@ -105,6 +105,7 @@ __all__ = [
     "CameraBlur",
     "CameraNoise",
     "CameraSettings",
+    "ColourPlane",
     "CoordinateMap",
     "Datum",
     "DatumPlanes",

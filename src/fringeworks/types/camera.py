@@ -61,6 +61,33 @@ class Region:
             height_px=(whole(self.height_px, 1, MOST_PX), ">= 1"),
         )
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the frames."""
+        return self.height_px, self.width_px
+
+
+@dataclass(frozen=True)
+class ColourPlane(Region):
+    """The pixels of one colour in a part of a sensor behind a mosaic of 2 × 2 filters.
+
+    They are every second column and row.
+    """
+
+    first_px: tuple[float, float] = (0.0, 0.0)
+    """Column and row of the first of them in the part; ½ for the mean of the two greens, which lies
+    between them."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        inside = all(at in (0.0, 0.5, 1.0) for at in self.first_px)
+        check_fields(self, first_px=(inside, "two of 0, 0.5 and 1"))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the frames."""
+        return self.height_px // 2, self.width_px // 2
+
 
 @dataclass(frozen=True)
 class CameraSettings:

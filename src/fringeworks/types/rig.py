@@ -113,10 +113,11 @@ class Rig(Frozen):
         if not np.linalg.norm(pose[:3, 3]) > 0:
             raise InputError("rig: expected a baseline > 0, got camera and projector at one place")
         shown = self.region
-        if shown is not None and (shown.height_px, shown.width_px) != self.camera.shape:
+        if shown is not None and shown.shape != self.camera.shape:
+            rows, columns = shown.shape
             raise InputError(
                 f"rig: expected a region of the camera's {self.camera.width_px} × "
-                f"{self.camera.height_px} px, got {shown.width_px} × {shown.height_px}"
+                f"{self.camera.height_px} px, got {columns} × {rows}"
             )
         if not 0.0 <= self.structure_px < np.inf:
             raise InputError(f"rig: expected structure_px >= 0, got {self.structure_px}")

@@ -254,12 +254,27 @@ def _laid_some(
     shared = np.sum(weight * np.sqrt(np.maximum(sigma**2 - noise**2, 0.0)), axis=1) / total
     colour = None
     if points.colour is not None:
-        seen = np.asarray(points.colour, np.float64)[index]
-        seen = seen[..., None] if seen.ndim == 2 else seen
-        colour = np.einsum("nk,nkc->nc", weight, seen) / total[:, None]
-        colour = colour[:, 0] if points.colour.ndim == 1 else colour
+        colour = _coloured(vertices, np.asarray(points.colour, np.float64), tree, index, weight)
     placed = vertices + move[:, None] * main
     return placed, np.where(measured, np.sqrt(alone + shared**2), np.nan), colour
+
+
+def _coloured(
+    vertices: FloatMap,
+    colour: FloatMap,
+    tree: scipy.spatial.cKDTree,
+    index: NDArray[np.intp],
+    weight: FloatMap,
+) -> FloatMap:
+    """Brightness or colour of vertices: the mean of the points around them, or of the nearest one
+    where there are none, as in filled holes."""
+    total = weight.sum(axis=1)
+    seen = np.einsum("nk,nk...->n...", weight, colour[index])
+    found = np.divide(seen.T, total, where=total > 0, out=np.zeros_like(seen.T)).T
+    lacking = ~(total > 0)
+    if lacking.any():
+        found[lacking] = colour[tree.query(vertices[lacking], workers=-1)[1]]
+    return np.asarray(found)
 
 
 def _components(faces: NDArray[Any], measured: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -296,7 +296,9 @@ def test_a_frame_that_cannot_be_decoded_is_incomplete(driver):
     with WebcamCamera(0) as camera:
         grabs = [camera.grab() for _ in range(12)]
     broken = [g for g in grabs if not g.complete]
-    assert [g.number for g in broken] == [5, 6, 7, 8]
+    # Of frames that wait for a slow test, the oldest are lost.
+    assert broken
+    assert all(g.complete == (g.number not in driver.broken) for g in grabs)
     assert broken[0].pixels.shape == (12, 16)
 
 

@@ -253,6 +253,9 @@ def test_a_projector_that_is_too_small_in_the_plan_is_named(size):
     (named,) = (f for f in found.findings if f.kind == "beyond the projector")
     assert ("exchanged" in named.causes[0]) == (size == (300, 480))
     assert abs(named.figures["farthest_px"] - 480) < 8
+    beyond = 1.0 - size[0] / 480
+    assert abs(named.figures["share"] - beyond) < 0.02
+    assert " % of the codes along x lie beyond" in named.seen
     assert not any("order ambiguous" in f.seen for f in found.findings)
     right = fw.decode(frames, true)
     assert not any(f.kind == "beyond the projector" for f in right.findings)

@@ -211,6 +211,7 @@ def _resolved(decoding: Decoding, points: Sequence[NDArray[Any]], noise: CameraN
         gray.without_finest(count),
         blurred_px=found.blurred_px,
         farthest_px=found.farthest_px,
+        beyond_share=found.beyond_share,
         doubt_share=found.doubt_share,
     )
     coarse = replace(coarse, resolved_px=coarse.step_px if count else None)

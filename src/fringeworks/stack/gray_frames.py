@@ -145,6 +145,8 @@ class GrayFrames:
     ``step_px``."""
     farthest_px: float = 0.0
     """Largest coordinate that many pixels show beyond the plan's cells, projector px; or 0."""
+    beyond_share: float = 0.0
+    """Share of the pixels with clear bits that show cells beyond the plan's, if there are many."""
     blurred_px: float = float("inf")
     """Distance from the border of two cells within which blur leaves its bit in doubt, projector
     px; infinite where unknown."""
@@ -275,6 +277,8 @@ class Resolution:
     farthest_px: float = 0.0
     """Largest coordinate that many pixels show, projector px, also beyond the plan's; 0 where it is
     unknown or within the plan's cells."""
+    beyond_share: float = 0.0
+    """Share of the clear pixels beyond them, if they are many."""
     doubt_share: float = NARROW_CONTRAST
     """Share of its contrast below which a bit is in doubt: more where half of the light is not half
     of the counts."""
@@ -335,8 +339,8 @@ def resolution(gray: GrayFrames, sample: Sequence[NDArray[Any]], noise: CameraNo
     blurred = float("inf") if unknown else float(1.0 - firm[resolved[-1]]) * width
     kept = len(firm) - unresolved
     clear = lit & (np.abs(off[:kept]) > CLEAR_SHARE * contrast).all(axis=0)
-    farthest = _farthest(gray, off[:kept, clear] > 0.0, width)
-    return Resolution(unresolved, blurred, farthest, share)
+    beyond = _beyond(gray, off[:kept, clear] > 0.0, width)
+    return Resolution(unresolved, blurred, *beyond, share)
 
 
 def _doubt_share(off: FloatMap, contrast: FloatMap, sigma: FloatMap) -> tuple[float, BoolMap]:
@@ -360,16 +364,18 @@ def _doubt_share(off: FloatMap, contrast: FloatMap, sigma: FloatMap) -> tuple[fl
     return half + NARROW_CONTRAST * (1.0 - half), np.asarray(allowed)
 
 
-def _farthest(gray: GrayFrames, lit: BoolMap, width_px: float) -> float:
-    """Largest coordinate of clear bits, (bits, n), projector px, if many lie beyond the cells; else
-    0."""
+def _beyond(gray: GrayFrames, lit: BoolMap, width_px: float) -> tuple[float, float]:
+    """Largest coordinate of clear bits, (bits, n), projector px, and the share of pixels beyond the
+    cells; 0 where they are few."""
     flipped = np.isin(np.arange(len(lit)), sorted(gray.inverted))
     binary = np.bitwise_xor.accumulate(lit ^ flipped[:, None], axis=0)
     cell = (1 << np.arange(len(lit))[::-1]) @ binary
     cells = -(-gray.cells * gray.step_px // width_px)
-    if cell.size < MIN_LEVEL_PIXELS or not np.mean(cell >= cells) > BEYOND_SHARE:
-        return 0.0
-    return float(np.quantile(cell, 1.0 - 0.5 * BEYOND_SHARE) + 1) * width_px + gray.offset_px
+    beyond = float(np.mean(cell >= cells)) if cell.size >= MIN_LEVEL_PIXELS else 0.0
+    if not beyond > BEYOND_SHARE:
+        return 0.0, 0.0
+    farthest = float(np.quantile(cell, 1.0 - 0.5 * BEYOND_SHARE) + 1) * width_px + gray.offset_px
+    return farthest, beyond
 
 
 def refuse_unequal_levels(

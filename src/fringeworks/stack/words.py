@@ -18,6 +18,7 @@ from fringeworks.stack.step_convention import Convention
 from fringeworks.stack.unmeasured import BEYOND_PROJECTOR, LARGE_SHARE
 from fringeworks.statistics.phase_errors import PhaseErrors
 from fringeworks.types import Axis, CameraNoise, Finding
+from fringeworks.types.numbers import percent
 
 OF_LIGHT = 2.0
 """Errors of the steps, rad, over changes of the light, from which on they are none of these. Light
@@ -141,12 +142,12 @@ def beyond_projector(found: Decoding, plan: PatternPlan) -> list[Finding]:
     return [
         Finding(
             BEYOND_PROJECTOR,
-            f"the Gray code along {found.axis} shows {name} up to {gray.farthest_px:.0f} px, the "
-            f"plan's projector has {size}",
+            f"{percent(gray.beyond_share)} of the codes along {found.axis} lie beyond {size} px, "
+            f"where the plan's projector ends: they show {name} up to {gray.farthest_px:.0f} px",
             causes=tuple(causes),
             advice="correct the size of the projector in the plan",
             axis=found.axis,
-            figures={"farthest_px": gray.farthest_px},
+            figures={"farthest_px": gray.farthest_px, "share": gray.beyond_share},
         )
     ]
 

@@ -10,6 +10,7 @@ from scipy import ndimage
 
 import fringeworks as fw
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, equal_steps
+from fringeworks.stack.agreement import LineEvidence
 from fringeworks.stack.gray_frames import gray_frames, resolution
 from fringeworks.stack.room_light import evened
 
@@ -101,6 +102,22 @@ def test_a_gray_code_is_read_in_a_room_that_flickers(view, seed):
     assert np.mean(np.abs(z) < 2.0) > 0.93
     assert np.mean(np.abs(z) > 5.0) < 1e-3
     assert {one.kind for one in found.findings if one.rank} == {"flicker"}
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_coarse_bits_that_are_bright_in_the_view_repeat_nothing(seed, monkeypatch):
+    """Both first bits are; a lamp that lights a part of the scene beside the fringes alone makes
+    them look like patterns. Scenes with many edges are looked at for faults."""
+    monkeypatch.setattr(LineEvidence, "suspicious", lambda _: True)
+    plan = PatternPlan(
+        WIDTH, HEIGHT, (PhaseSteps("x", 20.0, equal_steps(4)), GrayCode("x", 20.0, WIDTH), *LIGHT)
+    )
+    frames, true = photographed(plan, seed, scale=0.5, start=335.0, peak=90.0, noise=0.3)
+    for k in range(4):
+        frames[k][:, 120:] += 30
+    z, share = errors(fw.decode(frames, plan).x, true)
+    assert share > 0.9
+    assert np.mean(np.abs(z) > 5.0) < 1e-3
 
 
 @pytest.mark.parametrize("inverse", [False, True])

@@ -372,6 +372,8 @@ def _hypotheses(
     every = tuple(range(plan.frames))
     yield from other_patterns(plan, evidence, by_code)
     for a, b in combinations(every, 2):
+        if _same_light(evidence, a, b):
+            continue
         places = list(every)
         places[a], places[b] = b, a
         words = f"{a} and {b} ({labels[a]}, {labels[b]}) are swapped"
@@ -397,6 +399,24 @@ def _hypotheses(
         for px in LAGS if first and block.frames > 1 else ():
             words = f"the camera or the scene moved by about {abs(px)} px before {labels[first]}"
             yield Hypothesis(plan, every, "moved", words, since=first, moved_px=px)
+
+
+def _same_light(evidence: Evidence, frame: int, other: int) -> bool:
+    """Whether two frames are both dark, or both bright, all over the lines, and differ by less than
+    patterns do, as coarse bits in a small view: nothing tells which is which. In light that
+    changes, one of them may be the better reference."""
+    return all(
+        _side(found, frame) == _side(found, other) != 0
+        and found.difference(frame, other) < REPEATED
+        for found in evidence.values()
+    )
+
+
+def _side(found: LineEvidence, frame: int) -> int:
+    """1 for a frame that is in the upper half of the range of its pixels all over the lines, -1 for
+    the lower half, 0 for a pattern."""
+    shares = found.shares(frame)
+    return int(quantile(shares, 0.05) > 0.5) - int(quantile(shares, 0.95) < 0.5)
 
 
 def _dark_or_bright(plan: PatternPlan, evidence: Evidence) -> Iterator[list[int]]:
@@ -506,7 +526,8 @@ def _repeated(plan: PatternPlan, evidence: Evidence) -> list[int]:
     return [
         k
         for k in range(1, plan.frames)
-        if all(
+        if not _same_light(evidence, k, k - 1)
+        and all(
             found.shows_pattern(k)
             and found.difference(k, k - 1) < SAME < REPEATED * _planned_difference(plan, k, k - 1)
             for found in evidence.values()

@@ -16,6 +16,7 @@ from fringeworks.devices.genicam_names import (
     PTP_OFFSET,
     PTP_STATUS,
     SOFTWARE,
+    Coloured,
     Found,
     check_limits,
     exposure_us,
@@ -24,15 +25,7 @@ from fringeworks.devices.genicam_names import (
     settled,
     unplugged,
 )
-from fringeworks.devices.pixel_formats import (
-    RAW,
-    Channel,
-    full_scale,
-    mosaic_of,
-    to_colours,
-    to_grey,
-    unpacked,
-)
+from fringeworks.devices.pixel_formats import Channel, full_scale, to_colours, to_grey, unpacked
 from fringeworks.devices.protocols import CameraLimits, Closing, Grab
 from fringeworks.types import CameraSettings, DeviceProblem, Region
 
@@ -73,7 +66,7 @@ def _reason(error: DeviceProblem) -> str:
     return str(error).rpartition("] ")[2]
 
 
-class GenicamCamera(Closing):
+class GenicamCamera(Coloured, Closing):
     """A camera with GigE Vision or USB3 Vision.
 
     Parameters
@@ -195,25 +188,8 @@ class GenicamCamera(Closing):
             self._triggered = settings.triggered
         return self._read_back()
 
-    @property
-    def mosaic(self) -> str | None:
-        """Filters of the raw frames that it delivers, as "rggb"; None where it delivers others."""
-        return (
-            mosaic_of(self._call("get_pixel_format_as_string", c.c_char_p).decode())
-            if self._channel == RAW
-            else None
-        )
-
-    @property
-    def sees_colours(self) -> bool:
-        """Whether it can deliver colours: its pixel format holds them, and it is not to be raw."""
-        return self._channel != RAW and not self._call(
-            "get_pixel_format_as_string", c.c_char_p
-        ).decode().startswith("Mono")
-
-    def deliver_colours(self, wanted: bool) -> None:
-        """Deliver frames in colour or in grey; see ``ColourCamera.deliver_colours``."""
-        self._colours = wanted
+    def _pixel_format(self) -> str:
+        return str(self._call("get_pixel_format_as_string", c.c_char_p).decode())
 
     def grab(self, timeout_s: float = 5.0) -> Grab:
         """Return the oldest frame that was not returned yet; see ``Camera.grab``."""

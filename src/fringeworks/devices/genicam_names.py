@@ -5,7 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
+from fringeworks.devices.pixel_formats import RAW, Channel, mosaic_of
 from fringeworks.devices.protocols import CameraLimits
 from fringeworks.types import CameraSettings, DeviceProblem, InputError
 
@@ -31,6 +33,31 @@ SETTLED = "Master", "Slave"
 PTP_PAUSE_S = 0.1
 """Pause between two questions for the status, s: masters announce themselves every one or two
 seconds."""
+
+
+class Coloured:
+    """What a camera's pixel format says of its colours."""
+
+    _channel: Channel | Literal["raw"]
+    _colours: bool
+
+    def _pixel_format(self) -> str:
+        """The name of the format in which it delivers frames."""
+        raise NotImplementedError
+
+    @property
+    def mosaic(self) -> str | None:
+        """Filters of the raw frames that it delivers, as "rggb"; None where it delivers others."""
+        return mosaic_of(self._pixel_format()) if self._channel == RAW else None
+
+    @property
+    def sees_colours(self) -> bool:
+        """Whether it can deliver colours: its pixel format holds them, and it is not to be raw."""
+        return self._channel != RAW and not self._pixel_format().startswith("Mono")
+
+    def deliver_colours(self, wanted: bool) -> None:
+        """Deliver frames in colour or in grey; see ``ColourCamera.deliver_colours``."""
+        self._colours = wanted
 
 
 @dataclass(frozen=True)

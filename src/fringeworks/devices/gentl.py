@@ -16,6 +16,7 @@ from fringeworks.devices.genicam_names import (
     PTP_OFFSET,
     PTP_STATUS,
     SOFTWARE,
+    Coloured,
     check_limits,
     exposure_us,
     input_line,
@@ -26,15 +27,7 @@ from fringeworks.devices.genicam_names import (
 from fringeworks.devices.gentl_nodes import Nodes
 from fringeworks.devices.gentl_stream import GentlStream
 from fringeworks.devices.gentl_system import found_of, gentl, named, said
-from fringeworks.devices.pixel_formats import (
-    RAW,
-    Channel,
-    full_scale,
-    mosaic_of,
-    to_colours,
-    to_grey,
-    unpacked,
-)
+from fringeworks.devices.pixel_formats import Channel, full_scale, to_colours, to_grey, unpacked
 from fringeworks.devices.protocols import CameraLimits, Closing, Grab
 from fringeworks.types import CameraSettings, DeviceProblem, Region
 
@@ -53,7 +46,7 @@ AUTOMATIC = "ExposureAuto", "GainAuto"
 """What cameras change by themselves unless it is switched off."""
 
 
-class GentlCamera(Closing):
+class GentlCamera(Coloured, Closing):
     """A camera through a producer of GenTL.
 
     Parameters
@@ -161,19 +154,8 @@ class GentlCamera(Closing):
             self._triggered = settings.triggered
         return self._read_back()
 
-    @property
-    def mosaic(self) -> str | None:
-        """Filters of the raw frames that it delivers, as "rggb"; None where it delivers others."""
-        return mosaic_of(str(self._nodes.get("PixelFormat"))) if self._channel == RAW else None
-
-    @property
-    def sees_colours(self) -> bool:
-        """Whether it can deliver colours: its pixel format holds them, and it is not to be raw."""
-        return self._channel != RAW and not str(self._nodes.get("PixelFormat")).startswith("Mono")
-
-    def deliver_colours(self, wanted: bool) -> None:
-        """Deliver frames in colour or in grey; see ``ColourCamera.deliver_colours``."""
-        self._colours = wanted
+    def _pixel_format(self) -> str:
+        return str(self._nodes.get("PixelFormat"))
 
     def grab(self, timeout_s: float = 5.0) -> Grab:
         """Return the oldest frame that was not returned yet; see ``Camera.grab``."""

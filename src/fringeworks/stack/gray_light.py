@@ -80,8 +80,14 @@ def light_of_bits(planes: Planes, plan: PatternPlan) -> FloatMap | None:
 
 def _bits(plan: PatternPlan) -> list[int]:
     """Indices of the frames of all Gray codes with two levels of brightness."""
-    codes = [(k, b) for k, b in plan.placed if isinstance(b, GrayCode) and b.levels == 2]
-    return [plan.places[k] for first, block in codes for k in range(first, first + block.frames)]
+    codes = codes_of_two_levels(plan)
+    return [plan.places[k] for first, code in codes for k in range(first, first + code.frames)]
+
+
+def codes_of_two_levels(plan: PatternPlan) -> list[tuple[int, GrayCode]]:
+    """The Gray codes with two levels of brightness, each with the number of its first pattern."""
+    codes = [(first, block) for first, block in plan.placed if isinstance(block, GrayCode)]
+    return [(first, code) for first, code in codes if code.levels == 2]
 
 
 def _missing(plan: PatternPlan) -> list[Uniform]:

@@ -11,8 +11,10 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.patterns.plan import GrayCode, PatternPlan
+from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.frames import Planes
+from fringeworks.stack.gray_frames import MIN_LEVEL_PIXELS
+from fringeworks.stack.gray_light import codes_of_two_levels
 from fringeworks.types import Finding, FloatMap
 from fringeworks.types.numbers import percent
 
@@ -26,9 +28,6 @@ of a pixel are medians of several frames."""
 
 PIXELS = 8000
 """Approximate number of pixels that tell the light of the frames."""
-
-FEWEST = 200
-"""Pixels of a level for a statement about its light."""
 
 SMALL = 0.05
 """Share of the pixels up to which a level of a frame is left out: noise and borders make some of
@@ -110,22 +109,16 @@ def evened(planes: Planes, plan: PatternPlan) -> tuple[Planes, list[Finding]]:
 
 def _frames(plan: PatternPlan) -> list[int]:
     """Frames of the Gray codes of two levels, and of white and black light; none without codes."""
-    bits = [range(first, first + code.frames) for first, code in _codes(plan)]
+    bits = [range(first, first + code.frames) for first, code in codes_of_two_levels(plan)]
     light = [k for kind in ("white", "black") if (k := plan.uniform(kind)) is not None]
     return [*chain(*bits), *light] if bits else []
-
-
-def _codes(plan: PatternPlan) -> list[tuple[int, GrayCode]]:
-    """The Gray codes of two levels, with the first frame of each."""
-    placed = [(first, block) for first, block in plan.placed if isinstance(block, GrayCode)]
-    return [(first, code) for first, code in placed if code.levels == 2]
 
 
 def _resolved(plan: PatternPlan, frames: list[int], both: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Frames that are surely not grey, (N,): fine bits of one level may be, because the camera does
     not resolve them."""
     shown, sure = dict(zip(frames, both, strict=True)), set(frames)
-    for first, code in _codes(plan):
+    for first, code in codes_of_two_levels(plan):
         of_code = range(first, first + code.frames)
         last = max((k for k in of_code if shown[k]), default=first)
         sure -= set(of_code[last + 1 - first :])
@@ -143,7 +136,7 @@ def _light(
         dark, contrast, lit = _levels(even)
         bright = np.quantile(contrast, 0.95) if contrast.size else np.inf
         clear = (contrast > CLEAR * bright) & (dark > 0.0)
-        if np.count_nonzero(clear) < FEWEST:
+        if np.count_nonzero(clear) < MIN_LEVEL_PIXELS:
             return None
         seen = dark[clear], contrast[clear]
         one = [_of_frame(v[clear], *seen, b[clear]) for v, b in zip(values, lit, strict=True)]
@@ -183,7 +176,7 @@ def _of_frame(
 ) -> tuple[float, float, bool]:
     """d and e of a frame, and whether it shows both levels; of one level, light of the room and of
     the projector change alike, or the latter does not."""
-    fewest = max(FEWEST, SMALL * lit.size)
+    fewest = max(MIN_LEVEL_PIXELS, SMALL * lit.size)
     some_dark, some_lit = np.count_nonzero(~lit) >= fewest, np.count_nonzero(lit) >= fewest
     if not some_dark:
         change = float(np.median(samples / (dark + contrast)))

@@ -354,7 +354,9 @@ def _check_order(
 
     def evidence(tried: dict[Axis, Decoding]) -> dict[Axis, LineEvidence]:
         return {
-            axis: LineEvidence(decoding, sample.lines[axis], known.noise, known.limits)
+            axis: LineEvidence(
+                decoding, sample.lines[axis], known.noise, known.limits, axis in sample.down
+            )
             for axis, decoding in tried.items()
         }
 

@@ -296,7 +296,7 @@ def late_rows(
     the exposure, makes such a band. The other rows fit the plan.
     """
     for axis, found in evidence.items():
-        strip = _strips(axis, found)
+        strip = _strips(found)
         band = _rough_band(planned[axis], strip)
         if not band.size:
             continue
@@ -312,10 +312,10 @@ def late_rows(
                 yield Hypothesis(plan, places, "band", words, band={axis: np.isin(strip, band)})
 
 
-def _strips(axis: Axis, found: LineEvidence) -> NDArray[np.intp]:
-    """Strip of every triple of voters: lines along x are rows, those along y are columns."""
+def _strips(found: LineEvidence) -> NDArray[np.intp]:
+    """Strip of every triple of voters."""
     line, place = np.nonzero(found.triples)
-    row, height = (line, found.low.shape[0]) if axis == "x" else (place + 1, found.low.shape[1])
+    row, height = (place + 1, found.low.shape[1]) if found.down else (line, found.low.shape[0])
     return np.asarray(row * min(STRIPS, height) // height)
 
 

@@ -35,6 +35,13 @@ MIN_LINES = 24
 """Smallest number of lines of one axis, so that windows of long fringes are found between the edges
 of most scenes. Empirical."""
 
+GRID = 48
+"""Number of places along the shorter side of the image that tell which way patterns run: 2300 and
+more differences in each direction, a hundredth of the sample's pixels."""
+
+LARGEST_COUNT = 1e9
+"""Limit of the counts that are summed: more than any camera gives."""
+
 MIN_CLEAR = 200
 """Smallest number of unsaturated pixels that judge a stack without the others, as for noise: a
 variance from 200 residuals errs by 10 %."""
@@ -50,9 +57,11 @@ class Sample:
     points: tuple[NDArray[Any], ...]
     """(1, n) arrays, one per frame: short stretches of rows, spread evenly over the frame."""
     lines: dict[Axis, Lines]
-    """Whole rows (for fringes along x) or columns (along y), one array per frame of the plan."""
+    """Whole rows or columns, across the fringes of each axis; one array per frame of the plan."""
     patch: tuple[FloatMap, ...]
     """(h, w) arrays: connected pixels of some frames, counts."""
+    down: frozenset[Axis] = frozenset({"y"})
+    """The axes whose lines are columns."""
     excesses: dict[Any, FloatMap | None] = field(default_factory=dict, init=False, compare=False)
     """What ``saturation.exceeds`` found for sets and a saturation: it is asked twice."""
 
@@ -74,6 +83,7 @@ class Sample:
             tuple(self.points[k] for k in order),
             {axis: tuple(lines[k] for k in order) for axis, lines in self.lines.items()},
             self.patch,
+            self.down,
         )
 
 
@@ -90,16 +100,35 @@ def take_sample(planes: Planes, plan: PatternPlan) -> Sample:
     Sample, with counts of types that the kernels read
     """
     places = sampled_places(planes[0].shape, plan)
+    down = frozenset(axis for axis in plan.axes if _runs_down(planes, plan, axis))
     return Sample(
         tuple(sample_of(plane, places) for plane in planes),
-        {axis: tuple(_lines(plane, axis) for plane in planes) for axis in plan.axes},
+        {axis: tuple(_lines(plane, axis in down) for plane in planes) for axis in plan.axes},
         tuple(_patch(planes, plan)),
+        down,
     )
 
 
-def _lines(frame: NDArray[Any], axis: Axis) -> NDArray[Any]:
-    """Lines of a frame across the fringes of an axis, evenly spaced."""
-    across = frame if axis == "x" else frame.T
+def _runs_down(planes: Planes, plan: PatternPlan, axis: Axis) -> bool:
+    """Whether the patterns of an axis change down the image rather than along its rows, as columns
+    of the projector do for a camera that stands on its side."""
+    frames = [
+        first + k
+        for first, block in plan.placed
+        if getattr(block, "axis", None) == axis
+        for k in range(block.frames)
+    ]
+    step = max(1, min(planes[0].shape) // GRID)
+    seen = np.stack([np.nan_to_num(planes[k][::step, ::step].astype(np.float32)) for k in frames])
+    seen = np.clip(seen, -LARGEST_COUNT, LARGEST_COUNT)  # their sums are finite
+    seen -= seen.mean(axis=0)  # what all frames show alike is paint
+    down, along = (float(np.mean(np.abs(np.diff(seen, axis=k)))) for k in (1, 2))
+    return down > along if down != along else axis == "y"
+
+
+def _lines(frame: NDArray[Any], down: bool) -> NDArray[Any]:
+    """Rows of a frame, or columns, evenly spaced."""
+    across = frame.T if down else frame
     count, length = across.shape
     wanted = min(count, max(MIN_LINES, LINE_PIXELS // length))
     rows = ((np.arange(wanted) + 0.5) * count / wanted).astype(np.intp)

@@ -94,6 +94,9 @@ ROUGH_BIT = 0.6
 """Mean bend where a bit changes from which on other orders are tried: up to 0.5 in order, 0.9 and
 more where the bit is in a wrong place."""
 
+STEEP = 2.0
+"""Slope up to which the coordinate may change over a gap, over the mean slope of the lines."""
+
 MIN_CHANGES = 6
 """Smallest number of changes of a bit for a statement about it."""
 
@@ -118,6 +121,10 @@ tried: another plan has 0.28, a set that starts elsewhere 0.15, noise 0.01."""
 ASTRAY = 0.2
 """Cost of a coordinate that its Gray-code cell refuses: six in ten lie inside by chance, and
 -ln 0.6 is 0.5, over 2.4."""
+
+ASTRAY_BY_CHANCE = 0.4
+"""Share of coordinates that their cell refuses where they are in no relation. From there on, as
+where a response bends the phases by more than a cell, a single refusal says nothing."""
 
 
 def _finite(counts: NDArray[Any]) -> FloatMap:
@@ -150,6 +157,8 @@ class LineEvidence:
     lines: Lines
     noise: CameraNoise
     limits: Limits
+    down: bool = False
+    """Whether the lines are columns of the image."""
     _seen: dict[int, bool] = field(default_factory=dict)
     _kept: dict[PhaseFrames, FloatMap] = field(default_factory=dict)
     _planned_cost: list[tuple[FloatMap, dict[str, Any]]] = field(default_factory=list, init=False)
@@ -220,14 +229,8 @@ class LineEvidence:
 
     @property
     def across(self) -> bool:
-        """Whether the coordinate rather changes from line to line than along the lines."""
-        _, maps = self._cost(self.decoding, [self._planned])
-        x = np.where(self.voters, maps["coordinate"], np.nan)
-        rows = x[np.count_nonzero(np.isfinite(x), axis=1) > MIN_CHANGES]
-        if len(rows) < MIN_CHANGES:
-            return False
-        along = float(np.median(np.nanstd(rows, axis=1)))
-        return along < DARK * float(np.std(np.nanmedian(rows, axis=1)))
+        """Whether patterns change the other way than in a camera that stands upright."""
+        return self.down == (self.decoding.axis == "x")
 
     def difference(self, frame: int, other: int) -> float:
         """Mean difference of two frames beyond noise, over the range of the pixels; infinite where
@@ -330,21 +333,47 @@ class LineEvidence:
         return self.triples & _three(np.isfinite(maps["coordinate"]))
 
     def _rough_bit(self, x: FloatMap, bend: FloatMap, known: BoolMap) -> bool:
-        """Whether the coordinate jumps where a bit of the Gray code changes."""
+        """Whether the coordinate jumps where a bit of the Gray code changes.
+
+        Where the changing bit is blurred, pixels have no coordinate: those on either side of such a
+        gap are compared as well.
+        """
         gray = self.decoding.gray
         if gray is None or gray.levels > 2:
             return False
         place = (np.nan_to_num(x) + 0.5 - gray.offset_px) / gray.step_px
         cells = np.maximum(place, 0.0).astype(np.int32)
-        words = cells ^ (cells >> 1)
-        changes = (words[:, 2:] ^ words[:, :-2])[known]
-        changed = changes != 0
-        changes, bends = changes[changed], bend[known][changed]
+        words = (cells ^ (cells >> 1)).ravel()
+        before, after, jump = self._gaps(x)
+        gaps = words[before] ^ words[after]
+        one = gaps & (gaps - 1) == 0  # several change at the edges of bodies
+        near = words.reshape(x.shape)[:, 2:] ^ words.reshape(x.shape)[:, :-2]
+        changes = np.concatenate((near[known], gaps[one]))
+        bends = np.concatenate((bend[known], jump[one]))
         for bit in range(len(gray.bits)):
             at = bends[(changes >> bit) & 1 != 0]
             if at.size >= MIN_CHANGES and float(np.mean(at)) > ROUGH_BIT:
                 return True
         return False
+
+    def _gaps(self, x: FloatMap) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatMap]:
+        """The pixels before and after every gap of lit pixels without a coordinate, and whether it
+        jumps there by more than a slope as steep as any would make: 1, or 0."""
+        known = np.isfinite(x) & self.voters
+        seen = np.flatnonzero(known)
+        before, after = seen[:-1], seen[1:]
+        dark = np.cumsum(~self.voters.ravel())
+        gap = (after - before > 1) & (after // x.shape[1] == before // x.shape[1])
+        gap &= dark[after] == dark[before]
+        before, after = before[gap], after[gap]
+        flat = x.ravel()
+        sets, gray = self.decoding.sets, self.decoding.gray
+        jump = JUMP_SHARE * min(s.period_px for s in sets) if sets else 0.0
+        jump = jump if gray is None or sets else JUMP_CELLS * gray.step_px
+        steps = np.fmin(np.abs(np.diff(x, axis=1)), jump)[known[:, 1:] & known[:, :-1]]
+        steepest = STEEP * float(np.mean(steps)) if steps.size else 0.0
+        moved = np.abs(flat[after] - flat[before]) - steepest * (after - before)
+        return before, after, (moved > jump).astype(float)
 
     def cost(self, order: Hypothesis, decoding: Decoding | None = None) -> FloatMap | None:
         """Cost of an order at every triple of voters, (n,); None where it cannot be decoded.
@@ -395,7 +424,7 @@ class LineEvidence:
             for k, (found, free) in enumerate(zip(bound, maps, strict=True)):
                 astray = np.isnan(found["coordinate"]) & np.isfinite(free["coordinate"])
                 free["astray"] = astray[:, 1:-1]
-                states[:, k] += ASTRAY * free["astray"]
+                states[:, k] += ASTRAY * self._refused(free)
         cost = states[0, 0, 0]
         if len(states) > 1:
             changing = cost_of_states(np.where(self.triples, states, 0.0), change)
@@ -410,6 +439,15 @@ class LineEvidence:
             if len(planes) > 3:
                 cost = cost + self._residual(phases, planes)
         return cost, maps[0]
+
+    def _refused(self, maps: dict[str, Any]) -> FloatMap:
+        """1 where a cell refuses its coordinate, (r, l − 2); their share everywhere, at most that
+        by chance, where single ones say nothing."""
+        known = _three(self.voters & np.isfinite(maps["coordinate"]))
+        share = float(np.mean(maps["astray"][known])) if known.any() else 0.0
+        if share < ASTRAY_BY_CHANCE:
+            return np.asarray(maps["astray"], float)
+        return np.full(maps["astray"].shape, ASTRAY_BY_CHANCE)
 
     def _unexplained(self, order: Hypothesis) -> int:
         """Frames of the stack that an order has no use for, unless they show no pattern or that of

@@ -70,7 +70,11 @@ def decoding_under(plan: PatternPlan, axis: Axis, planned: Decoding) -> Decoding
         finer = int(np.log2(max((seen.resolved_px or 0.0) / gray.step_px, 1.0)))
         if finer >= len(gray.bits):
             return None
-        gray = replace(gray.without_finest(finer), blurred_px=seen.blurred_px)
+        gray = replace(
+            gray.without_finest(finer),
+            blurred_px=seen.blurred_px,
+            doubt_share=seen.doubt_share,
+        )
     return replace(found, gray=gray)
 
 

@@ -126,11 +126,11 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence, *, moves: bool = 
     suspicious = any(found.suspicious() for found in evidence.values())
     planned = _costs(plan, Hypothesis.of(plan), evidence)
     by_code = conventions(evidence)
-    repeated: list[int] = []
     if suspicious:
         _refuse_blurred(plan, evidence)
-        _refuse_equal(plan, evidence)
-        repeated = _repeated(plan, evidence)
+    # A repeated step bends the coordinate so smoothly that nothing else looks wrong.
+    _refuse_equal(plan, evidence)
+    repeated = _repeated(plan, evidence)
     also = repeats_in_words(plan, repeated[0]) if repeated else ""
     if repeated and repeated[0] < plan.frames - 1:
         raise FramesContradictPlan(also)

@@ -105,8 +105,8 @@ def _of_other_cells(plan: PatternPlan, axis: Axis, rate: float) -> Hypothesis:
     first, block = placed
     step = float(f"{rate * block.step_px:.3g}")
     words = (
-        f"the Gray code along {axis} has cells of {step:g} px, {block.step_px:g} px in the plan, by "
-        "the phases of the fringes at their borders"
+        f"the Gray code along {axis} has cells of {step:g} px, {block.step_px:g} px in the plan, "
+        "by the phases of the fringes at their borders"
     )
     sets = plan.phase_sets(axis)
     advice = f"; the frames fit this plan if step_px = {step:g} in the Gray code along {axis}"

@@ -66,7 +66,7 @@ class SceneColour:
     channel on the luminance, r_c = Σ L_n I_nc / Σ L_n², the colour: a_c = T r_c. Bright images
     count more than dark ones, which hold noise only, and images without a weight count as well.
     Where other shares s of the channels are kept, with the light S_n = Σ s_c I_nc, they give the
-    scale: T = Σ w_n S_n / Σ w_n, r_c = Σ L_n I_nc / Σ L_n S_n. The sum Σ L_n S_n is Σ s_c Σ L_n I_nc.
+    scale: T = Σ w_n S_n / Σ w_n, r_c = Σ L_n I_nc / Σ L_n S_n, whose divisor is Σ s_c Σ L_n I_nc.
     The error of a_c is within 6 % of the smallest possible one (tests/test_scene_colour.py). Images
     with a channel at the limit of its type are left out of r_c at that pixel.
     """

@@ -37,7 +37,7 @@ ELSEWHERE = {
         "calibrate", "observe", "adjust_rig", "check_rig", "diagnose", "verdict", "judge_poses", "measure_response",
         "measure_sequence", "merge", "compare", "compare_captures", "compare_everywhere", "best_methods", "best_map",
         "run_batch", "run_sequence", "run_studio", "run_service", "board_sheet", "scan_turntable", "closed_mesh", "stand_mesh", "deviation",
-        "benchmark_scene", "benchmark_scenes", "score", "score_depths", "find_spots", "remove_blur", "camera_pair", "for_frames", "selftest", "promise_table", "apply_response",
+        "benchmark_scene", "benchmark_scenes", "score", "score_depths", "find_spots", "remove_blur", "camera_pair", "calibrate_projector", "for_frames", "selftest", "promise_table", "apply_response",
     ),
     "simulation, in its own tests": (
         "board_body", "board_poses", "bust", "cropped_field", "fringe_plan", "height_field", "look", "pair_displacement",

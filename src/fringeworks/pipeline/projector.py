@@ -8,19 +8,20 @@ from typing import Unpack
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.multi_rig import read_multi_rig
+from fringeworks.patterns.plan import PatternPlan
 from fringeworks.pipeline.cameras import measure_cameras
 from fringeworks.pipeline.inputs import inputs_of, stacks_of
 from fringeworks.rig.calibration.from_points import LitPoints, calibrated_projector, lit_points
 from fringeworks.stack.frames import Stack
 from fringeworks.stack.options import DecodeOptions
-from fringeworks.types import InputError, MultiRig, made_by
+from fringeworks.types import InputError, MultiRig, Source, made_by
 
 COEFFICIENTS = (0, 2, 4, 5)
 """Numbers of coefficients of distortion that a calibration estimates."""
 
 
 def calibrate_projector(
-    scenes: Sequence[Sequence[Stack | StrPath]],
+    scenes: Sequence[Sequence[Stack | Sequence[Stack] | StrPath]],
     rig: MultiRig | StrPath,
     *,
     distortion: int = 5,
@@ -67,24 +68,30 @@ def calibrate_projector(
     if not scenes:
         raise InputError("scenes: expected one scene or more, got none")
     parts: list[LitPoints] = []
-    shots = [[stacks_of(stack)[0] for stack in scene] for scene in scenes]
-    for number, scene in enumerate(shots, 1):
+    plans: list[PatternPlan] = []
+    inputs: list[Source] = []
+    for number, scene in enumerate(scenes, 1):
         progress(f"scene {number} …")
         try:
-            found = measure_cameras(scene, rig, **options)
+            shots = [stacks_of(stack) for stack in scene]
+            found = measure_cameras(shots, rig, **options)
             parts.append(lit_points(rig, found.cameras[0], found.decoded[0]))
         except InputError as error:
             raise error.at(f"scene {number}") from error
-    plan = shots[0][0].plan
-    size = plan.width_px, plan.height_px
-    if any((s.plan.width_px, s.plan.height_px) != size for scene in shots for s in scene):
+        plans.append(shots[0][0].plan)
+        sources = (
+            replace(one, name=f"scene {number}: {one.name}") for s in shots for one in inputs_of(*s)
+        )
+        inputs += sources
+    sizes = {(plan.width_px, plan.height_px) for plan in plans}
+    if len(sizes) > 1:
         raise InputError("scenes: expected plans for one size of the projector, got several")
     progress("adjusting …")
     origin = made_by(
         "calibrate_projector",
         options={"distortion": distortion, **options},
-        inputs=inputs_of(*(stack for scene in shots for stack in scene)),
-        plan=plan,
+        inputs=tuple(inputs),
+        plan=plans[0] if len(set(plans)) == 1 else tuple(plans),
         rig=rig,
     )
-    return replace(calibrated_projector(rig, parts, size, distortion), provenance=origin)
+    return replace(calibrated_projector(rig, parts, sizes.pop(), distortion), provenance=origin)

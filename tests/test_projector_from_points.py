@@ -116,7 +116,7 @@ def test_points_with_the_calibrated_projector_agree_with_those_of_the_cameras():
     assert np.linalg.eigvalsh(pair.covariance).min() > -1e-9
 
 
-def test_what_does_not_determine_a_projector_is_refused(tmp_path):
+def test_what_does_not_determine_a_projector_is_refused():
     true, rng = rig_of_two(0.2), np.random.default_rng(3)
     rig, shape = erring(true, rng), true.cameras[0].shape
     places = np.stack(np.mgrid[: shape[0], : shape[1]][::-1], axis=-1).astype(float)

@@ -79,10 +79,8 @@ def calibrate_projector(
         except InputError as error:
             raise error.at(f"scene {number}") from error
         plans.append(shots[0][0].plan)
-        sources = (
-            replace(one, name=f"scene {number}: {one.name}") for s in shots for one in inputs_of(*s)
-        )
-        inputs += sources
+        sources = [source for stacks in shots for source in inputs_of(*stacks)]
+        inputs += [replace(one, name=f"scene {number}: {one.name}") for one in sources]
     sizes = {(plan.width_px, plan.height_px) for plan in plans}
     if len(sizes) > 1:
         raise InputError("scenes: expected plans for one size of the projector, got several")

@@ -60,7 +60,7 @@ class BayerImage:
         part = self._raw[row:rows:2, column:columns:2] - self._black[row, column]
         part *= self._scale[row, column]
         np.clip(np.rint(part, out=part), 0, LARGEST, out=part)
-        return part.astype(np.uint16)
+        return np.asarray(part, np.uint16)
 
     def __getitem__(self, rows: slice) -> NDArray[np.uint16]:
         start, stop, step = rows.indices(self.shape[0])

@@ -46,9 +46,9 @@ FEWEST_POINTS = 200
 TILES = 12
 """Tiles of the frame along rows and columns. Errors of pixels in one tile count as related."""
 UNSEEN = 2.0
-"""Factor on the standard deviations by noise. Errors of coordinates that are smooth over many tiles,
-such as those of blur, do not show between tiles: without it, χ² of the 15 parameters was 3.6 per
-parameter in four simulated rigs with exact cameras; with it, 0.7 in three others."""
+"""Factor on the standard deviations by noise. Errors of coordinates that are smooth over many
+tiles, such as those of blur, do not show between tiles: without it, χ² of the 15 parameters was 3.6
+per parameter in four simulated rigs with exact cameras; with it, 0.7 in three others."""
 FLAT_SHARE = 0.02
 """Smallest extent of the points across the plane that fits them best, over their largest extent.
 Points of one plane leave the focal length open."""

@@ -99,6 +99,45 @@ def test_spoiled_arguments_give_a_result_or_an_input_error(calls):
     assert refused > 0
 
 
+def masked(value, place):
+    """A value whose array at a place of its lists and mappings masks every seventh number."""
+    if not place:
+        mask = np.zeros(value.shape, bool)
+        mask.reshape(-1)[::7] = True
+        return np.ma.array(value, mask=mask)
+    if isinstance(value, dict):
+        return {**value, place[0]: masked(value[place[0]], place[1:])}
+    parts = list(value)
+    parts[place[0]] = masked(parts[place[0]], place[1:])
+    return type(value)(parts)
+
+
+def arrays_at(value, place=()):
+    """Places of all arrays of more than three numbers in lists and mappings."""
+    if isinstance(value, np.ndarray):
+        if value.ndim and value.size > 3 and value.dtype.kind in "fiucb":
+            yield place
+    elif type(value) in (list, tuple, dict):
+        for key, one in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from arrays_at(one, (*place, key))
+
+
+def test_masks_of_numpy_count_or_are_refused_everywhere(calls):
+    """Each array of each public function, one after the other."""
+    tried = 0
+    for call in calls:
+        for place in arrays_at(call.arguments):
+            tried += 1
+            try:
+                found = call.function(**masked(call.arguments, place))
+            except fw.InputError:
+                continue
+            # What takes a mask leaves out what it masks.
+            assert call.name in ("unwrap",), f"{call.name}, {place}: the mask was dropped"
+            assert np.isnan(found.phase.reshape(-1)[::7]).all()
+    assert tried > 100
+
+
 @pytest.mark.parametrize(
     "value", [10**30, float("nan"), float("inf"), -float("inf"), 1e308, "a", None, 1j]
 )

@@ -77,7 +77,8 @@ def plan_of(frames):
 
 
 @pytest.mark.parametrize(
-    ("suffix", "package"), [(".CR2", "rawpy"), (".nef", "rawpy"), (".heic", "pillow-heif")]
+    ("suffix", "package"),
+    [(".CR2", "rawpy"), (".nef", "rawpy"), (".IIQ", "rawpy"), (".heic", "pillow-heif")],
 )
 def test_a_missing_package_is_named(tmp_path, monkeypatch, suffix, package):
     monkeypatch.setitem(sys.modules, package.replace("-", "_"), None)
@@ -124,6 +125,26 @@ def test_raw_files_are_read_in_proportion_to_the_light(tmp_path, monkeypatch):
     # Each frame has the scale of the sensor: no gamma, no balance, no brightest pixel of its own.
     assert all(c["gamma"] == (1, 1) and c["no_auto_bright"] for c in calls)
     assert all(c["user_wb"] == [1.0] * 4 and c["adjust_maximum_thr"] == 0.0 for c in calls)
+
+
+@pytest.mark.parametrize("suffix", [".heic", ".HIF"])
+def test_heif_is_read_where_its_package_is_there(tmp_path, monkeypatch, suffix):
+    class Photograph:
+        def __init__(self, file):
+            self.counts = np.frombuffer(file.read(), np.uint8).reshape(20, 24)
+            self.size = (24, 20)
+
+        def __array__(self, dtype=None, copy=None):
+            return np.stack((self.counts,) * 3, axis=-1)
+
+    package = ModuleType("pillow_heif")
+    package.open_heif = lambda file, **_: Photograph(file)
+    monkeypatch.setitem(sys.modules, "pillow_heif", package)
+    for k in range(3):
+        (tmp_path / f"{k}{suffix}").write_bytes((GREY // (k + 1)).tobytes())
+    stack = fw.files.read_stack(tmp_path, plan_of(3))
+    assert stack.lossy
+    assert np.array_equal(stack.frames[1], GREY // 2)
 
 
 def test_the_jpeg_beside_a_raw_file_is_no_frame_of_its_own(tmp_path):

@@ -267,7 +267,7 @@ def _least_noise(paths: Sequence[Path], even: Mapping[int, float]) -> ReadFrames
                 f"{seen[0].shape[:2]}, got {one.kind} {one.shape[:2]}"
             )
     weights = best_weights(seen)
-    colours = SceneColour(even, len(paths), own_light=False, shares=weights)
+    colours = SceneColour(even, len(paths), own_light=False, shares=weights.tolist())
 
     def combine(path: Path, number: int) -> NDArray[Any]:
         array, _ = _colour_image(path, CHANNELS)

@@ -48,12 +48,12 @@ def _told(codes: list[GrayCode], factor: float) -> list[str]:
 def _frames(plan: PatternPlan, group: list[GrayCode], factor: float) -> int | None:
     """Number of frames with other cells of some codes; None where there is no such plan."""
     try:
-        blocks = (
-            replace(block, step_px=factor * block.step_px)  # type: ignore[type-var]
-            if any(block is code for code in group)
+        blocks = [
+            replace(block, step_px=factor * block.step_px)
+            if isinstance(block, GrayCode) and any(block is code for code in group)
             else block
             for block in plan.blocks
-        )
+        ]
         return replace(plan, blocks=tuple(blocks)).frames
     except InputError:
         return None

@@ -164,24 +164,24 @@ def convention(decoding: Decoding, lines: Lines) -> Convention | None:
     sign = _direction(along)
     at_border = np.exp(1j * np.angle((1.0 - place) * left + place * right))
     slope = float(np.median(np.abs(along))) / TURN if along.size else 0.0
-    at = row, column + place
-    rough = _rough_rate(wave, at, coordinate / phases.period_px)
+    rough = _rough_rate(wave, (row, column, place), coordinate / phases.period_px)
     return _convention(phases, sign, at_border, coordinate, slope, rough)
 
 
 def _rough_rate(
-    wave: NDArray[np.complex128], at: tuple[NDArray[np.intp], FloatMap], turns: FloatMap
+    wave: NDArray[np.complex128],
+    at: tuple[NDArray[np.intp], NDArray[np.intp], FloatMap],
+    turns: FloatMap,
 ) -> float:
     """Turns of the phase over those that the plan expects, from border to border of neighbouring
     cells along a line; 1 where they tell no clearly different rate.
 
     The phase at the borders alone leaves whole turns per cell open.
     """
-    row, place = at
+    row, left, place = at
     step = np.angle(wave[:, 1:] * np.conj(wave[:, :-1]))
     phase = np.pad(np.cumsum(np.nan_to_num(step), axis=1), ((0, 0), (1, 0))) / TURN
-    left = place.astype(np.intp)
-    seen = phase[row, left] + (place - left) * np.nan_to_num(step)[row, left] / TURN
+    seen = phase[row, left] + place * np.nan_to_num(step)[row, left] / TURN
     between, planned = np.abs(np.diff(seen)), np.abs(np.diff(turns))
     cell = float(np.median(planned[planned > 0])) if (planned > 0).any() else 0.0
     near = (np.diff(row) == 0) & (planned > 0) & (planned < 1.5 * cell)

@@ -244,12 +244,14 @@ def calibrated_projector(
 
 def _joined(scenes: Sequence[LitPoints]) -> LitPoints:
     """The points of all scenes, with tiles of their own."""
-    parts = [
-        np.concatenate([getattr(one, name) for one in scenes])
-        for name in ("xyz_mm", "lit_px", "sigma_px", "along_mm", "by_cameras")
-    ]
-    tiles = [one.tile + k * TILES**2 for k, one in enumerate(scenes)]
-    return LitPoints(*parts, np.concatenate(tiles))
+    return LitPoints(
+        np.concatenate([one.xyz_mm for one in scenes]),
+        np.concatenate([one.lit_px for one in scenes]),
+        np.concatenate([one.sigma_px for one in scenes]),
+        np.concatenate([one.along_mm for one in scenes]),
+        np.concatenate([one.by_cameras for one in scenes]),
+        np.concatenate([one.tile + k * TILES**2 for k, one in enumerate(scenes)]),
+    )
 
 
 def _refuse_flat(xyz: FloatMap) -> None:
@@ -335,9 +337,8 @@ class _Equations:
 def _inverse(A: FloatMap) -> FloatMap:
     """Inverse of normal equations, whose parameters have unlike units."""
     scale = np.sqrt(np.diag(A))
-    return np.asarray(np.linalg.pinv(A / np.outer(scale, scale), hermitian=True)) / np.outer(
-        scale, scale
-    )
+    both = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(A / both, hermitian=True) / both)
 
 
 class _Fit:
@@ -367,12 +368,13 @@ class _Fit:
 
     def found(self, values: FloatMap, T: FloatMap) -> tuple[FloatMap, FloatMap, BoolMap]:
         """The parameters that fit best, and the points that count."""
-        kept = np.ones(len(self._every.xyz_mm), bool)
+        kept: BoolMap = np.ones(len(self._every.xyz_mm), bool)
         for _ in range(PASSES):
             values, T = self._minimised(values, T, kept)
             equations = self.equations(values, T)
             off = equations.residual * np.sqrt(equations.weights)
-            kept = (np.abs(off) < OUTLYING * robust_sigma(off[kept].ravel())).all(axis=1)
+            near = np.abs(off) < OUTLYING * robust_sigma(off[kept].ravel())
+            kept = np.asarray(near.all(axis=1))
         return values, T, kept
 
     def _minimised(self, values: FloatMap, T: FloatMap, kept: BoolMap) -> tuple[FloatMap, FloatMap]:

@@ -229,7 +229,9 @@ def _convention(
     if borders < FEWEST:
         return planned
     few = slice(None, None, max(1, borders // MOST_BORDERS))
-    rate, _ = rate_of(at_border[few], turns[few], sign * rough, SEARCHED * rough)
+    rate, _ = rate_of(at_border[few], turns[few], sign, SEARCHED)
+    if rough != 1.0 and seen(rate).scatter_turns > ALIKE_TURNS:
+        rate, _ = rate_of(at_border[few], turns[few], sign * rough, SEARCHED * rough)
     fitted, spread = seen(rate), float(np.std(turns))
     error = float(np.hypot(fitted.start_error, AT_BORDER_TURNS)) / max(spread, SMALLEST)
     at_edge = np.hypot(fitted.start_error, float(np.mean(turns)) * error)

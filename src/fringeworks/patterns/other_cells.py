@@ -21,8 +21,8 @@ def cells_for_count(plan: PatternPlan, count: int) -> str:
     Examples
     --------
     >>> plan = PatternPlan(64, 48, (GrayCode("x", 4.0, 64, inverse=True),))
-    >>> plan.frames, cells_for_count(plan, 6)[-37:]
-    (8, 'has step_px = 8, or others from 8 to 16')
+    >>> plan.frames, cells_for_count(plan, 6).partition("has ")[2]
+    (8, 'step_px = 8, or others from 8 to 16')
     """
     codes = [block for block in plan.blocks if isinstance(block, GrayCode)]
     groups = [codes, *([code] for code in codes if len(codes) > 1)]

@@ -37,7 +37,7 @@ ELSEWHERE = {
         "calibrate", "observe", "adjust_rig", "check_rig", "diagnose", "verdict", "judge_poses", "measure_response",
         "measure_sequence", "merge", "compare", "compare_captures", "compare_everywhere", "best_methods", "best_map",
         "run_batch", "run_sequence", "run_studio", "run_service", "board_sheet", "scan_turntable", "closed_mesh", "stand_mesh", "deviation",
-        "benchmark_scene", "benchmark_scenes", "score", "score_depths", "find_spots", "remove_blur", "camera_pair", "for_frames", "selftest", "promise_table", "apply_response",
+        "benchmark_scene", "benchmark_scenes", "score", "score_depths", "find_spots", "remove_blur", "camera_pair", "calibrate_projector", "for_frames", "selftest", "promise_table", "apply_response",
     ),
     "simulation, in its own tests": (
         "board_body", "board_poses", "bust", "cropped_field", "fringe_plan", "height_field", "look", "pair_displacement",
@@ -97,6 +97,45 @@ def test_spoiled_arguments_give_a_result_or_an_input_error(calls):
             assert time.perf_counter() - started < SECONDS, f"{call.name}, {number}"
     assert tried > 4 * CALLS
     assert refused > 0
+
+
+def masked(value, place):
+    """A value whose array at a place of its lists and mappings masks every seventh number."""
+    if not place:
+        mask = np.zeros(value.shape, bool)
+        mask.reshape(-1)[::7] = True
+        return np.ma.array(value, mask=mask)
+    if isinstance(value, dict):
+        return {**value, place[0]: masked(value[place[0]], place[1:])}
+    parts = list(value)
+    parts[place[0]] = masked(parts[place[0]], place[1:])
+    return type(value)(parts)
+
+
+def arrays_at(value, place=()):
+    """Places of all arrays of more than three numbers in lists and mappings."""
+    if isinstance(value, np.ndarray):
+        if value.ndim and value.size > 3 and value.dtype.kind in "fiucb":
+            yield place
+    elif type(value) in (list, tuple, dict):
+        for key, one in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from arrays_at(one, (*place, key))
+
+
+def test_masks_of_numpy_count_or_are_refused_everywhere(calls):
+    """Each array of each public function, one after the other."""
+    tried = 0
+    for call in calls:
+        for place in arrays_at(call.arguments):
+            tried += 1
+            try:
+                found = call.function(**masked(call.arguments, place))
+            except fw.InputError:
+                continue
+            # What takes a mask leaves out what it masks.
+            assert call.name in ("unwrap",), f"{call.name}, {place}: the mask was dropped"
+            assert np.isnan(found.phase.reshape(-1)[::7]).all()
+    assert tried > 100
 
 
 @pytest.mark.parametrize(

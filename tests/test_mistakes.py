@@ -14,7 +14,7 @@ from PIL import Image
 import fringeworks as fw
 from fringeworks.cli.output import TARGETS
 from fringeworks.files.tiff import read_tiff
-from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, equal_steps
+from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, equal_steps
 from fringeworks.signal.response import phase_of_steps
 from tests.commands import COMMANDS, run
 
@@ -259,6 +259,69 @@ def test_a_projector_that_is_too_small_in_the_plan_is_named(size):
     assert not any("order ambiguous" in f.seen for f in found.findings)
     right = fw.decode(frames, true)
     assert not any(f.kind == "beyond the projector" for f in right.findings)
+
+
+def gray(step, *, axis="x", **words):
+    return GrayCode(axis, step, 480 if axis == "x" else 300, inverse=True, **words)
+
+
+def noisy(plan, seed=0):
+    """What a camera of 300 rows sees of a plan for 480 × 300 px."""
+    noise = np.random.default_rng(seed).integers(0, 3, (plan.frames, 300, 480))
+    return [f + n.astype(np.uint8) for f, n in zip(shown(plan), noise, strict=True)]
+
+
+@pytest.mark.parametrize("fringes", [(), (PhaseSteps("x", 24.0, equal_steps(4)),)])
+def test_inverted_codes_are_not_said_to_lie_beyond_the_projector(fringes):
+    step = 12.0 if fringes else 1.0
+    true = PatternPlan(480, 300, (*fringes, gray(step, inverted=True)))
+    with pytest.raises(fw.FramesContradictPlan) as refused:
+        fw.decode(noisy(true), PatternPlan(480, 300, (*fringes, gray(step))))
+    assert str(refused.value).count("inverted, light for dark") == 1
+    assert str(refused.value).count("inverted = true") == 1
+    assert not any(f.kind == "beyond the projector" for f in refused.value.findings)
+
+
+@pytest.mark.parametrize("bit", [0, 2])
+def test_one_inverted_bit_is_named(bit):
+    light = (Uniform("white"), Uniform("black"))
+    code, shows = (GrayCode("y", 1.0, 300, inverted=which) for which in ((), (bit,)))
+    true = PatternPlan(480, 300, (shows, *light))
+    said = rf"the bit y-gray-{bit} is inverted, light for dark.*says so by inverted = \[{bit}\]$"
+    with pytest.raises(fw.FramesContradictPlan, match=said):
+        fw.decode(noisy(true), PatternPlan(480, 300, (code, *light)))
+
+
+@pytest.mark.parametrize(("planned", "shows"), [(24.0, 16.0), (24.0, 20.0), (12.0, 8.0)])
+def test_cells_that_the_plan_does_not_say_are_named(planned, shows):
+    """As many bits, but other cells: the fringes at the borders tell their width."""
+    fringes = PhaseSteps("x", 24.0, equal_steps(4))
+    true = PatternPlan(480, 300, (fringes, gray(shows)))
+    wrong = PatternPlan(480, 300, (fringes, gray(planned)))
+    assert true.frames == wrong.frames
+    with pytest.raises(fw.FramesContradictPlan) as refused:
+        fw.decode(noisy(true), wrong)
+    said = f"the frames fit this plan if step_px = {shows:g} in the Gray code along x"
+    assert said in str(refused.value)
+    assert fw.decode(noisy(true), true).x.coordinate_px[150, 240] == pytest.approx(240.0, abs=0.5)
+
+
+@pytest.mark.parametrize("step", [0.5, 2.0])
+def test_cells_that_fit_the_number_of_frames_are_named(shots, step):
+    wrong = PatternPlan(480, 300, (PLAN.blocks[0], gray(10.0)))
+    true = PatternPlan(480, 300, (PLAN.blocks[0], gray(10.0 * step)))
+    said = f"the number fits this plan if the Gray code along x has step_px = {10.0 * step:g}"
+    with pytest.raises(fw.FramesContradictPlan, match=said):
+        fw.decode(shown(true), wrong)
+    for old in shots.iterdir():
+        old.unlink()
+    for k, frame in enumerate(shown(true), start=1):
+        Image.fromarray(frame[:40]).save(shots / f"{k}.png")
+    fw.files.write_plan(shots / "plan.toml", wrong)
+    assert said in run("decode", shots, code=2).stderr
+    # A gap in the names tells which frame is missing: no other cells are looked for.
+    (shots / "3.png").unlink()
+    assert "the number fits" not in run("decode", shots, code=2).stderr
 
 
 def test_one_photograph_given_twice_is_said():

@@ -31,6 +31,7 @@ ELSEWHERE = {
     "fringeworks recipe part.qif --model part.step ": "a QIF document: tests/test_qif_tolerances.py",
     "fringeworks calibrate left/ ": "two cameras: tests/test_cameras_files.py",
     "fringeworks measure part/left ": "two cameras: tests/test_cameras_files.py",
+    "fringeworks rig projector ": "scenes of two cameras: tests/test_projector_from_points.py",
     "fringeworks rig convert intrinsics.yml ": "two files: tests/test_stereo_files.py",
     "fringeworks measure part/ --rig rig.toml --out - ": "writes bytes: tests/test_cli.py",
 }

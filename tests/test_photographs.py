@@ -1,6 +1,7 @@
 """Frames as WebP, PGM and PPM, and as raw files and HEIF where their packages are installed."""
 
 import sys
+import tracemalloc
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
@@ -76,7 +77,8 @@ def plan_of(frames):
 
 
 @pytest.mark.parametrize(
-    ("suffix", "package"), [(".CR2", "rawpy"), (".nef", "rawpy"), (".heic", "pillow-heif")]
+    ("suffix", "package"),
+    [(".CR2", "rawpy"), (".nef", "rawpy"), (".IIQ", "rawpy"), (".heic", "pillow-heif")],
 )
 def test_a_missing_package_is_named(tmp_path, monkeypatch, suffix, package):
     monkeypatch.setitem(sys.modules, package.replace("-", "_"), None)
@@ -123,6 +125,26 @@ def test_raw_files_are_read_in_proportion_to_the_light(tmp_path, monkeypatch):
     # Each frame has the scale of the sensor: no gamma, no balance, no brightest pixel of its own.
     assert all(c["gamma"] == (1, 1) and c["no_auto_bright"] for c in calls)
     assert all(c["user_wb"] == [1.0] * 4 and c["adjust_maximum_thr"] == 0.0 for c in calls)
+
+
+@pytest.mark.parametrize("suffix", [".heic", ".HIF"])
+def test_heif_is_read_where_its_package_is_there(tmp_path, monkeypatch, suffix):
+    class Photograph:
+        def __init__(self, file):
+            self.counts = np.frombuffer(file.read(), np.uint8).reshape(20, 24)
+            self.size = (24, 20)
+
+        def __array__(self, dtype=None, copy=None):
+            return np.stack((self.counts,) * 3, axis=-1)
+
+    package = ModuleType("pillow_heif")
+    package.open_heif = lambda file, **_: Photograph(file)
+    monkeypatch.setitem(sys.modules, "pillow_heif", package)
+    for k in range(3):
+        (tmp_path / f"{k}{suffix}").write_bytes((GREY // (k + 1)).tobytes())
+    stack = fw.files.read_stack(tmp_path, plan_of(3))
+    assert stack.lossy
+    assert np.array_equal(stack.frames[1], GREY // 2)
 
 
 def test_the_jpeg_beside_a_raw_file_is_no_frame_of_its_own(tmp_path):
@@ -183,3 +205,39 @@ def test_a_raw_file_with_a_mosaic_has_colour(tmp_path, monkeypatch):
     green = fw.files.read_stack(tmp_path, plan_of(4), channels="g")
     assert green.frames[0].dtype == np.uint16
     np.testing.assert_allclose(green.colour, stack.colour, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [{}, {"channels": "g"}, {"channels": "best"}, {"channels": "b", "mosaic": "file"}],
+    ids=["luminance", "green", "best", "plane"],
+)
+def test_raw_files_need_less_than_a_colour_frame_beside_what_they_give(
+    tmp_path, monkeypatch, words
+):
+    """One frame: red, green and blue as float32, 12 bytes per pixel."""
+    height, width = 2000, 3000
+    package = raw_package([])
+    package.imread.raw_pattern = np.array(PATTERNS[0])
+    package.imread.num_colors = 3
+    package.imread.color_desc = b"RGBG"
+    package.imread.black_level_per_channel = [500] * 4
+    package.imread.white_level = 15000
+    package.imread.raw_image_visible = property(lambda self: self.counts.reshape(height, width))
+    package.imread.sizes = SimpleNamespace(
+        width=width, height=height, iwidth=width, iheight=height, pixel_aspect=1.0
+    )
+    package.imread.__init__ = lambda self, file: setattr(
+        self, "counts", np.frombuffer(file.read(), np.uint16)
+    )
+    monkeypatch.setitem(sys.modules, "rawpy", package)
+    rng = np.random.default_rng(0)
+    for k in range(4):
+        raw = rng.integers(600, 14000, height * width, dtype=np.uint16)
+        (tmp_path / f"{k:02d}.dng").write_bytes(raw.tobytes())
+    tracemalloc.start()
+    stack = fw.files.read_stack(tmp_path, plan_of(4), **words)
+    now, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(stack.frames) == 4
+    assert peak - now < 12 * height * width

@@ -140,3 +140,59 @@ def test_saturated_samples_do_not_change_the_colour(tmp_path, seed):
     spread = np.median(np.abs(ratio[ok & ~full] / scale - 1.0), axis=0) / 0.6745
     stated = [found.figures[f"{c} / %"] / 100 for c in ("red", "green", "blue")]
     np.testing.assert_allclose(stated, spread, rtol=0.2)
+
+
+def stripes(y, x, seed):
+    """Hard stripes of two paints, and a smooth change of both, (..., 3)."""
+    one, other = np.array((0.85, 0.35, 0.3)), np.array((0.35, 0.5, 0.85))
+    side = (x * np.cos(0.3 + seed) + y * np.sin(0.3 + seed) + seed) // 17 % 2
+    waves = np.stack((np.sin(x / 29), np.cos(y / 23), np.sin((x + y) / 31)), axis=-1)
+    return np.where(side[..., None] > 0, one, other) * (0.85 + 0.15 * waves)
+
+
+def over_pixels(paint, shape, seed, *, over=8):
+    """Means of a paint over whole pixels, (h, w, 3)."""
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(float)
+    offsets = (np.arange(over) + 0.5) / over - 0.5
+    return np.mean([paint(y + dy, x + dx, seed) for dy in offsets for dx in offsets], axis=0)
+
+
+@pytest.mark.parametrize("blur_px", [0.5, 1.0])
+@pytest.mark.parametrize("seed", [92, 93])
+def test_edges_of_paint_have_the_error_of_the_noise(tmp_path, seed, blur_px):
+    """A pixel shows the paint that it and its lens collect: against that, edges cost nothing."""
+    rig = fw.simulate.standard_rig(scale=0.15)
+    plan = fw.simulate.fringe_plan(rig, both=False)
+    view = fw.simulate.look(rig, fw.simulate.bust())
+    paint = over_pixels(stripes, view.albedo.shape, seed)
+    channels = []
+    for c, exposure in enumerate((0.95, 0.9, 1.0)):
+        painted = replace(view, albedo=view.albedo * paint[..., c])
+        optics = fw.simulate.Optics(
+            seed=3 * seed + c, exposure=exposure, noise=0.7, ambient=0.0, blur_px=blur_px
+        )
+        channels.append(list(fw.simulate.photograph(painted, plan, optics)))
+    fw.files.write_plan(tmp_path / "plan.toml", plan)
+    for k, frame in enumerate(np.stack(one, axis=-1) for one in zip(*channels, strict=True)):
+        Image.fromarray(frame).save(tmp_path / f"{k:02d}.png", compress_level=1)
+    points = fw.measure(tmp_path, rig).points
+    lens = (blur_px, blur_px, 0)
+    even = (view.shading * view.albedo)[..., None]
+    white = scipy.ndimage.gaussian_filter(even, lens, mode="nearest")
+    seen = scipy.ndimage.gaussian_filter(even * paint, lens, mode="nearest")
+    ok = (points.reason == 0) & scipy.ndimage.binary_erosion(view.lit, iterations=3)
+    change = [
+        scipy.ndimage.maximum_filter(c, 3) - scipy.ndimage.minimum_filter(c, 3)
+        for c in np.moveaxis(paint, -1, 0)
+    ]
+    edge = np.max(change, axis=0) > 0.15
+    albedo = points.colour[ok] / white[ok]
+    true, near = seen[ok] / white[ok], edge[ok]
+    assert near.sum() > 1000
+    albedo /= np.median(albedo[~near] / true[~near], axis=0)
+    off = albedo - true
+    at_edges, elsewhere = (np.sqrt(np.mean(off[m] ** 2)) for m in (near, ~near))
+    assert at_edges < 1.15 * elsewhere
+    assert at_edges < 0.012  # of white, in linear light
+    relative = np.sqrt(np.mean((off / true) ** 2))
+    assert relative < 0.02

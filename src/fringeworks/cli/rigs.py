@@ -187,6 +187,53 @@ def history(
 
 
 @rigs.command(
+    epilog="Example: fringeworks rig projector left/ right/ --rig cameras.toml --out rig.toml",
+)
+def projector(
+    captures: Annotated[
+        list[Path], typer.Argument(help="Per camera: a stack, or a folder with one for each scene.")
+    ],
+    rig_file: Annotated[Path, typer.Option("--rig", help="Rig file of cameras alone.")],
+    out: Annotated[Path, typer.Option("--out", help="Rig file with the projector.")],
+    how: DecodingOptions,
+    distortion: Annotated[
+        int, typer.Option(help="Number of coefficients of the projector's lens: 0, 2, 4 or 5.")
+    ] = 5,
+) -> None:
+    """Calibrate a projector by scenes that calibrated cameras measured, without a board."""
+    words = output.Output(out)
+    output.check(out, "multi_rig")
+    scenes = _scenes_of(captures)
+    with output.progress(len(scenes) + 1) as progress:
+        stacks = [[how.read_captured(path) for path in scene] for scene in scenes]
+        found = fw.rig.calibrate_projector(
+            stacks, rig_file, distortion=distortion, progress=progress, **how.options
+        )
+    with output.target(out, ".toml") as place:
+        fw.files.write_multi_rig(place, found)
+    assert found.projector is not None
+    focal, rms = found.projector.focal_px, (found.residual_px or (float("nan"),))[-1]
+    words.say(f"projector: focal lengths {focal[0]:.1f} and {focal[1]:.1f} px")
+    if found.residual_px is not None:
+        words.say(f"residual of its coordinates: {rms:.3f} px rms")
+    words.wrote(out)
+
+
+def _scenes_of(cameras: list[Path]) -> list[list[Path]]:
+    """The stacks of every scene, one for each camera, by the names of the folders."""
+    stacks = [{place.name: place for place in _stacks_in(path)} for path in cameras]
+    if all(len(one) == 1 for one in stacks):
+        return [[next(iter(one.values())) for one in stacks]]
+    for path, one in zip(cameras, stacks, strict=True):
+        if one.keys() != stacks[0].keys():
+            raise fw.InputError(
+                f"{path}: expected the scenes {', '.join(stacks[0])}, as in {cameras[0]}, got "
+                f"{', '.join(one)}"
+            )
+    return [[one[name] for one in stacks] for name in stacks[0]]
+
+
+@rigs.command(
     epilog="Example: fringeworks rig convert rig.xml --projector-size 1024x768 --out rig.toml",
 )
 def convert(

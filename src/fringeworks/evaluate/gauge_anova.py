@@ -288,7 +288,7 @@ def _labels(labels: Any, name: str, count: int) -> tuple[Any, tuple[str, ...]]:
     """Number of each label, and the labels in the order of their first appearance."""
     if isinstance(labels, str | bytes) or not hasattr(labels, "__len__") or np.ndim(labels) == 0:
         raise InputError(f"{name}: expected a label for each value, got {labels!r}")
-    listed = [str(one) for one in np.asarray(labels).ravel().tolist()]
+    listed = [str(one) for one in unmasked(labels, name).ravel().tolist()]
     if len(labels) != len(listed) or len(listed) != count:
         raise InputError(f"{name}: expected {count} labels, one for each value, got {len(listed)}")
     places: dict[str, int] = {}

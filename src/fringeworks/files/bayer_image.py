@@ -53,14 +53,14 @@ class BayerImage:
         """Filters of the first two pixels of the first row and of the second, as "rggb"."""
         return "".join("rgb"[CHANNEL_OF[int(k)]] for k in self._pattern.ravel())
 
-    def counts(self) -> NDArray[np.uint16]:
-        """The counts of all pixels behind their filters, from 0 in the dark, (h, w)."""
-        out = np.empty(self._raw.shape, np.uint16)
-        for v in range(2):
-            for u in range(2):
-                part = (self._raw[v::2, u::2] - self._black[v, u]) * self._scale[v, u]
-                out[v::2, u::2] = np.rint(np.clip(part, 0, LARGEST))
-        return out
+    def counts_at(self, row: int, column: int) -> NDArray[np.uint16]:
+        """Counts of every second pixel from a row and a column on, from 0 in the dark; of frames
+        of odd size without the last row or column, (h // 2, w // 2)."""
+        rows, columns = (size // 2 * 2 for size in self._raw.shape)
+        part = self._raw[row:rows:2, column:columns:2] - self._black[row, column]
+        part *= self._scale[row, column]
+        np.clip(np.rint(part, out=part), 0, LARGEST, out=part)
+        return np.asarray(part, np.uint16)
 
     def __getitem__(self, rows: slice) -> NDArray[np.uint16]:
         start, stop, step = rows.indices(self.shape[0])

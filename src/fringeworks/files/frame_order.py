@@ -11,6 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from fringeworks.files.exif_times import times_of
+from fringeworks.patterns.other_cells import cells_for_count
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.types import FramesContradictPlan
 
@@ -68,8 +69,10 @@ def in_plan_order(
         few = len(paths) < len(labels)
         kind = "pictures" if plan.colours else "frames"
         why = _missing(paths, labels, carried) if few else _extra(paths, labels) or _equal(paths)
+        whole = carried is None and not plan.colours and _count_on(paths, why)
+        fit = cells_for_count(plan, len(paths)) if whole else ""
         raise FramesContradictPlan(
-            f"{folder}: the plan has {len(labels)} {kind}, got {len(paths)} images{why}"
+            f"{folder}: the plan has {len(labels)} {kind}, got {len(paths)} images{why}{fit}"
         )
     if carried == labels:
         return list(paths), []
@@ -198,6 +201,16 @@ def _equal(paths: Sequence[Path]) -> str:
         "; remove the images that do not belong to the capture, or list the frames as "
         "frames = [...] in capture.toml"
     )
+
+
+def _count_on(paths: Sequence[Path], why: str) -> bool:
+    """Whether names count on without a gap, and no image is said to be another's copy or to have
+    another name: the folder may be whole."""
+    numbered = _running_number(paths)
+    if numbered is None or "not named like" in why or "is a copy of" in why:
+        return False
+    steps = {b - a for a, b in pairwise(numbered[0])}
+    return len(steps) == 1
 
 
 def _missing(paths: Sequence[Path], labels: list[str], carried: list[str] | None) -> str:

@@ -215,9 +215,9 @@ def read_frames(
     files; FileProblem as ``read_frame``.
     """
     # Luminance is among the frames unless channels are named.
-    colours = SceneColour(weights or {}, len(paths), own_light=bool(channels))
     if channels == BEST:
-        return _least_noise(paths, colours)
+        return _least_noise(paths, weights or {})
+    colours = SceneColour(weights or {}, len(paths), own_light=bool(channels))
     images = _read_all(paths, channels, colours, mosaic, grey)
     for image in images:
         if stack and image.kind != images[0].kind:
@@ -245,7 +245,7 @@ def _seen_colour(colours: SceneColour, light: Sequence[NDArray[Any]]) -> dict[st
     return {"colour_noise": noise, "colour": None if colour is None else sealed(colour)}
 
 
-def _least_noise(paths: Sequence[Path], colours: SceneColour) -> ReadFrames:
+def _least_noise(paths: Sequence[Path], even: Mapping[int, float]) -> ReadFrames:
     """Frames of colour images, by the combination of their channels with the least noise.
 
     Each image is read twice: for the weights, and for its frame. All of them at once would take
@@ -267,6 +267,7 @@ def _least_noise(paths: Sequence[Path], colours: SceneColour) -> ReadFrames:
                 f"{seen[0].shape[:2]}, got {one.kind} {one.shape[:2]}"
             )
     weights = best_weights(seen)
+    colours = SceneColour(even, len(paths), own_light=False, shares=weights.tolist())
 
     def combine(path: Path, number: int) -> NDArray[Any]:
         array, _ = _colour_image(path, CHANNELS)
@@ -274,14 +275,14 @@ def _least_noise(paths: Sequence[Path], colours: SceneColour) -> ReadFrames:
         return sealed(combined(array, weights))
 
     words = ", ".join(f"{w:.2f} {name}" for w, name in zip(weights, CHANNELS, strict=True))
-    kind = seen[0].kind
+    kind, frames = seen[0].kind, tuple(_on_all(paths, combine))
     return ReadFrames(
-        tuple(_on_all(paths, combine)),
+        frames,
         (f"frames are the combination of channels with the least noise: {words}",),
         1.0 if kind.kind in "ui" else None,
         any(lossy),
         float(np.iinfo(kind).max) if kind.kind in "ui" else None,
-        **_seen_colour(colours, ()),
+        **_seen_colour(colours, frames),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -71,12 +72,17 @@ def plane_of(raw: NDArray[Any], mosaic: str, letter: str) -> NDArray[Any]:
     at the limit of its type, so is the mean, because clipped counts would hide in it.
     """
     rows, columns = raw.shape[0] // 2 * 2, raw.shape[1] // 2 * 2
-    found = [raw[v:rows:2, u:columns:2] for v, u in places_of(mosaic, letter)]
+    return _mean([raw[v:rows:2, u:columns:2] for v, u in places_of(mosaic, letter)])
+
+
+def _mean(found: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """The mean of the pixels behind one colour, or the limit of their type where one is at it."""
     if len(found) == 1:
         return np.ascontiguousarray(found[0])
     mean = np.asarray(np.mean(found, axis=0, dtype=np.float32))
-    if raw.dtype.kind in "ui":
-        limit = np.iinfo(raw.dtype).max
+    kind = found[0].dtype
+    if kind.kind in "ui":
+        limit = np.iinfo(kind).max
         mean[np.max(found, axis=0) == limit] = limit
     return mean
 
@@ -95,7 +101,8 @@ def plane_of_image(
         own = image.mosaic
         if mosaic not in (IN_FILE, own):
             raise InputError(f"mosaic: expected {own}, which the file says, got {mosaic}")
-        return plane_of(image.counts(), own, letter), first_px(own, letter)
+        found = [image.counts_at(v, u) for v, u in places_of(own, letter)]
+        return _mean(found), first_px(own, letter)
     if mosaic == IN_FILE:
         raise InputError(
             "mosaic: expected a raw photograph that says its mosaic, or one of "

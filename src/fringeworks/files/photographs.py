@@ -13,9 +13,12 @@ from fringeworks.files.bayer_image import BayerImage, bayer_image
 from fringeworks.files.limits import check_frame_size
 from fringeworks.types import MissingPackage
 
-RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw")
+RAW_SUFFIXES = (
+    *(".dng", ".cr2", ".cr3", ".nef", ".nrw", ".arw", ".raf", ".orf", ".rw2", ".rwl", ".pef"),
+    *(".srw", ".3fr", ".iiq", ".erf", ".kdc"),
+)
 """Raw files of cameras, which rawpy reads."""
-HEIF_SUFFIXES = (".heic", ".heif")
+HEIF_SUFFIXES = (".heic", ".heif", ".hif")
 """Photographs of telephones, which pillow-heif reads."""
 PHOTOGRAPH_SUFFIXES = (*RAW_SUFFIXES, *HEIF_SUFFIXES)
 """What this file reads."""

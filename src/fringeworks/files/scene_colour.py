@@ -56,6 +56,8 @@ class SceneColour:
     own_light : bool
         Whether to sum up the luminance as well; where it is kept for each image, ``colour`` takes
         it from there.
+    shares : (3,) floats
+        Weights of red, green and blue in the light that is kept; those of the luminance by default.
 
     Notes
     -----
@@ -63,12 +65,22 @@ class SceneColour:
     even light of the luminance, T = Σ w_n L_n / Σ w_n, gives the scale, and a regression of each
     channel on the luminance, r_c = Σ L_n I_nc / Σ L_n², the colour: a_c = T r_c. Bright images
     count more than dark ones, which hold noise only, and images without a weight count as well.
+    Where other shares s of the channels are kept, with the light S_n = Σ s_c I_nc, they give the
+    scale: T = Σ w_n S_n / Σ w_n, r_c = Σ L_n I_nc / Σ L_n S_n, whose divisor is Σ s_c Σ L_n I_nc.
     The error of a_c is within 6 % of the smallest possible one (tests/test_scene_colour.py). Images
     with a channel at the limit of its type are left out of r_c at that pixel.
     """
 
-    def __init__(self, weights: Mapping[int, float], count: int, *, own_light: bool = True) -> None:
+    def __init__(
+        self,
+        weights: Mapping[int, float],
+        count: int,
+        *,
+        own_light: bool = True,
+        shares: Sequence[float] = LUMINANCE,
+    ) -> None:
         self._own_light = own_light
+        self._shares = np.array(shares)
         self._weights = dict(weights)
         self._count = count
         self._next = 0
@@ -79,7 +91,7 @@ class SceneColour:
         self._kind: np.dtype[Any] = np.dtype(np.float32)
         self._shape: tuple[int, ...] = ()
         self._even: NDArray[np.float32] = np.zeros((0, 0), np.float32)
-        self._square, self._products = self._even, self._even
+        self._products = self._even
         self._samples: list[NDArray[np.float32]] = []
 
     def add(self, number: int, array: Colours, *, coloured: bool) -> None:
@@ -102,7 +114,7 @@ class SceneColour:
         if not self._shape:
             self._shape, self._kind = shape, image.dtype
             if self._own_light:
-                self._even, self._square = (np.zeros(shape[:2], np.float32) for _ in range(2))
+                self._even = np.zeros(shape[:2], np.float32)
             self._products = np.zeros(shape, np.float32)
         if (shape, image.dtype) != (self._shape, self._kind):
             self._failed = True  # other sizes and types are refused elsewhere
@@ -129,8 +141,6 @@ class SceneColour:
         if self._own_light and even:
             self._even[rows] += even * light
         light[(image >= self._limit).any(axis=2)] = 0.0
-        if self._own_light:
-            self._square[rows] += light * light
         for c in range(COLOURS):
             self._products[rows, :, c] += light * image[..., c]
 
@@ -146,43 +156,45 @@ class SceneColour:
         Parameters
         ----------
         light : sequence of (h, w) arrays
-            Luminance of all images, at the limit where a channel is, unless it was summed up.
+            Light of all images by the shares, at the limit where a channel is, unless it was summed
+            up.
         """
         if not self.known:
             return None
         found = self._products
         for band in row_bands(self._shape[:2], 4 * COLOURS):
             rows = band.rows
-            even, square = self._sums(light, rows)
+            even = self._even_light(light, rows)
+            square = np.zeros_like(even)
+            for c, share in enumerate(self._shares):
+                square += found[rows][..., c] * np.float32(share)
             even = np.maximum(even / np.float32(sum(self._weights.values())), 0.0)
             # A pixel that is saturated in every image, or dark in all, is grey.
             seen = square > 0
             found[rows] *= np.divide(even, square, out=np.zeros_like(even), where=seen)[..., None]
             found[rows][~seen] = even[~seen, None]
-        self._even = self._square = self._products = np.zeros((0, 0), np.float32)
+        self._even = self._products = np.zeros((0, 0), np.float32)
         return np.asarray(np.maximum(found, 0.0, out=found), np.float32)
 
-    def _sums(self, light: Sequence[NDArray[Any]], rows: slice) -> tuple[FloatMap, FloatMap]:
-        """Some rows of the even light, and of the sum of squares without saturated samples."""
+    def _even_light(self, light: Sequence[NDArray[Any]], rows: slice) -> FloatMap:
+        """Some rows of the sum of the even light."""
         if self._own_light:
-            return self._even[rows], self._square[rows]
-        even, square = (np.zeros(light[0][rows].shape, np.float32) for _ in range(2))
-        for k, frame in enumerate(light):
-            part = frame[rows]
-            even += np.float32(self._weights.get(k, 0.0)) * part
-            square += np.where(part < self._limit, part * part, np.float32(0.0))
-        return even, square
+            return self._even[rows]
+        even = np.zeros(light[0][rows].shape, np.float32)
+        for k, weight in self._weights.items():
+            even += np.float32(weight) * light[k][rows]
+        return even
 
     def noise(self) -> tuple[CameraNoise, CameraNoise, CameraNoise] | None:
         """Noise of the colour's red, green and blue; None where the images do not tell it."""
         if not self.known or self._count != len(self._samples) or self._count < LEAST_FRAMES:
             return None
         weights = np.array([self._weights.get(k, 0.0) for k in range(self._count)])
-        return noise_of_colour(np.stack(self._samples), weights / weights.sum())
+        return noise_of_colour(np.stack(self._samples), weights / weights.sum(), self._shares)
 
 
 def noise_of_colour(
-    samples: NDArray[np.float32], weights: FloatMap
+    samples: NDArray[np.float32], weights: FloatMap, shares: FloatMap
 ) -> tuple[CameraNoise, CameraNoise, CameraNoise] | None:
     """Noise of the colour that ``SceneColour`` computes.
 
@@ -192,6 +204,8 @@ def noise_of_colour(
         What some pixels show in all images, counts.
     weights : (n,) array
         Of the images in the even light; their sum is 1.
+    shares : (3,) array
+        Weights of the channels in the light that gives the scale.
 
     Returns
     -------
@@ -203,8 +217,7 @@ def noise_of_colour(
     thing. Errors that channels have in common, such as those of JPEG, are not contained.
     """
     mean = samples.mean(axis=0, dtype=np.float64)
-    shares = np.array(LUMINANCE)
-    light = mean @ shares
+    light = mean @ np.array(LUMINANCE)
     if not light.size:
         return None
     lit = (light > LIT_SHARE * np.quantile(light, 0.99)) & (mean > 0).all(axis=1)
@@ -214,8 +227,8 @@ def noise_of_colour(
     seen, mean = samples[:, lit].astype(np.float64), mean[lit]
     models = _channel_noise(seen, mean)
     read, gain = (np.array([getattr(m, name) for m in models]) for name in ("read_counts", "gain"))
-    of_read = _variance_of_colour(np.broadcast_to(read**2, seen.shape), seen, weights)
-    of_gain = _variance_of_colour(gain * np.maximum(seen, 0.0), seen, weights)
+    of_read = _variance_of_colour(np.broadcast_to(read**2, seen.shape), seen, weights, shares)
+    of_gain = _variance_of_colour(gain * np.maximum(seen, 0.0), seen, weights, shares)
     red, green, blue = (
         CameraNoise(
             float(np.sqrt(np.median(of_read[:, c]))), float(np.median(of_gain[:, c] / mean[:, c]))
@@ -225,20 +238,22 @@ def noise_of_colour(
     return red, green, blue
 
 
-def _variance_of_colour(variance: FloatMap, seen: FloatMap, weights: FloatMap) -> FloatMap:
+def _variance_of_colour(
+    variance: FloatMap, seen: FloatMap, weights: FloatMap, shares: FloatMap
+) -> FloatMap:
     """Variance of a_c = T r_c, (pixels, 3), from that of the samples ``seen``, (n, pixels, 3)."""
-    shares = np.array(LUMINANCE)
-    pattern, of_pattern = seen @ shares, variance @ shares**2
-    square, even = np.sum(pattern**2, axis=0), weights @ pattern
-    of_even = weights**2 @ of_pattern
+    pattern, light = seen @ np.array(LUMINANCE), seen @ shares
+    of_light = variance @ shares**2
+    product, even = np.sum(pattern * light, axis=0), weights @ light
+    of_even = weights**2 @ of_light
     out = np.empty(seen.shape[1:])
     for c, share in enumerate(shares):
-        ratio = np.sum(pattern * seen[..., c], axis=0) / square
-        # Of the luminance with a channel less its regression, and of the latter.
-        common = share * variance[..., c] - ratio * of_pattern
+        ratio = np.sum(pattern * seen[..., c], axis=0) / product
+        # Of the light with a channel less its regression, and of the latter.
+        common = share * variance[..., c] - ratio * of_light
         of_rest = variance[..., c] - ratio * (share * variance[..., c] + common)
-        of_ratio = np.sum(pattern**2 * of_rest, axis=0) / square**2
-        both = np.einsum("n,np,np->p", weights, pattern, common) / square
+        of_ratio = np.sum(pattern**2 * of_rest, axis=0) / product**2
+        both = np.einsum("n,np,np->p", weights, pattern, common) / product
         out[:, c] = even**2 * of_ratio + ratio**2 * of_even + 2.0 * even * ratio * both
     return np.maximum(out, 0.0)
 

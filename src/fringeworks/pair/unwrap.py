@@ -185,6 +185,7 @@ def _checked(
     if hidden is not None:
         valid &= ~hidden
     if mask is not None:
+        mask = unmasked(mask, "mask")
         if mask.shape != values.shape or mask.dtype.kind not in "bui":
             raise InputError(
                 f"mask: expected shape {values.shape} of bool, got {mask.shape} of {mask.dtype}"

@@ -67,6 +67,9 @@ from .sensor_region import (
 from .device_pairs import (
     camera_pair as camera_pair,
 )
+from ..pipeline.projector import (
+    calibrate_projector as calibrate_projector,
+)
 from .camera_points import (
     CameraPoints as CameraPoints,
 )

@@ -189,8 +189,10 @@ def _ordered(
     coarse = {axis: _resolved(decoding, clear, known.noise) for axis, decoding in decodings.items()}
     for axis, decoding in decodings.items():
         findings += words.unresolved(decoding, coarse[axis], plan.labels())
-        findings += words.beyond_projector(coarse[axis], plan)
     findings += _check_order(plan, sample, coarse, known, moves)
+    # Frames in another order, or of another polarity, show codes beyond the projector as well.
+    for found in coarse.values():
+        findings += words.beyond_projector(found, plan)
     return {axis: _by_resolved_cells(d, coarse[axis]) for axis, d in decodings.items()}
 
 

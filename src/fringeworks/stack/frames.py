@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.patterns.other_cells import cells_for_count
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
 from fringeworks.signal.bands import row_bands
 from fringeworks.types import (
@@ -116,15 +117,11 @@ def check_frames(frames: NDArray[Any] | Sequence[NDArray[Any]], plan: PatternPla
         raise InputError(f"frames: expected arrays, got the path {frames}; read_stack reads it")
     planes = [plan.seen(unmasked(frame, "frames")) for frame in frames]
     labels = plan.labels()
-    if len(planes) < len(labels):
-        missing = ", ".join(labels[len(planes) :])
+    if len(planes) != len(labels):
+        count, more = len(planes), len(planes) - len(labels)
+        why = f": {more} too many" if more > 0 else f"; missing: {', '.join(labels[count:])}"
         raise FramesContradictPlan(
-            f"frames: the plan has {len(labels)}, got {len(planes)}; missing: {missing}"
-        )
-    if len(planes) > len(labels):
-        raise FramesContradictPlan(
-            f"frames: the plan has {len(labels)}, got {len(planes)}: {len(planes) - len(labels)} "
-            "too many"
+            f"frames: the plan has {len(labels)}, got {count}{why}{cells_for_count(plan, count)}"
         )
     first = planes[0]
     for label, plane in zip(labels, planes, strict=True):

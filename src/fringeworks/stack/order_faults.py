@@ -464,6 +464,13 @@ def _codes(plan: PatternPlan) -> Iterator[Hypothesis]:
             words = f"the Gray code along {block.axis} is inverted, light for dark"
             advice = "" if block.inverted else "; a plan says so by inverted = true"
             yield Hypothesis(_inverted(plan, [first]), every, "code", words, advice)
+            # With inverses, such a bit is swapped with its own.
+            for bit in range(0 if block.inverse else block.bits):
+                inverted = tuple(sorted({*block.inverted_bits} ^ {bit}))
+                words = f"the bit {block.labels()[bit]} is inverted, light for dark"
+                advice = f"; a plan says so by inverted = {list(inverted)}"
+                other = changed(plan, {first: replace(block, inverted=inverted)})
+                yield Hypothesis(other, every, "code", words, advice)
 
 
 def _inverted(plan: PatternPlan, firsts: list[int]) -> PatternPlan:

@@ -74,6 +74,8 @@ def orders_of_other_programs(plan: PatternPlan) -> Iterator[OtherOrder]:
         arranged = next(_arrangements(parts, bits))[0]
         for groups, moved in _arrangements(parts, bits):
             shown = [k for group in groups for k in group.frames]
+            if moved and shown == [k for group in arranged for k in group.frames]:
+                continue
             places = tuple(sorted(range(plan.frames), key=shown.__getitem__))
             exchanged = _axes_of(groups) != _axes_of(arranged)
             # Rows in place of columns alone: lines do not tell that from a wrong size.

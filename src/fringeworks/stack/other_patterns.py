@@ -13,7 +13,7 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import Block, GrayCode, PatternPlan, PhaseSteps, equal_steps
 from fringeworks.stack.agreement import LineEvidence
 from fringeworks.stack.hypothesis import Hypothesis, changed, filled, lagged
-from fringeworks.stack.set_ratios import periods_by_ratios
+from fringeworks.stack.set_ratios import SEARCHED, periods_by_ratios
 from fringeworks.stack.step_convention import Convention, convention, steps_in_words
 from fringeworks.types import Axis, Finding, FloatMap, InputError
 
@@ -91,7 +91,33 @@ def _by_borders(plan: PatternPlan, axis: Axis, seen: Convention | None) -> Itera
     """Fringes whose period is another by the borders of the Gray code."""
     if seen is not None and seen.period_px != seen.planned_px:
         placed = next(s for s in plan.phase_sets(axis) if s[1].period_px == seen.planned_px)
-        yield _of_period(plan, axis, placed, seen.period_px, "by the cells of the Gray code")
+        rate = seen.planned_px / seen.period_px
+        if abs(rate - 1.0) > SEARCHED:
+            yield _of_other_cells(plan, axis, rate)
+        else:
+            yield _of_period(plan, axis, placed, seen.period_px, "by the cells of the Gray code")
+
+
+def _of_other_cells(plan: PatternPlan, axis: Axis, rate: float) -> Hypothesis:
+    """Cells of a Gray code whose width over the plan's is ``rate``, by the phases at borders."""
+    placed = plan.gray_code(axis)
+    assert placed is not None  # borders are those of a code
+    first, block = placed
+    step = float(f"{rate * block.step_px:.3g}")
+    words = (
+        f"the Gray code along {axis} has cells of {step:g} px, {block.step_px:g} px in the plan, "
+        "by the phases of the fringes at their borders"
+    )
+    sets = plan.phase_sets(axis)
+    advice = f"; the frames fit this plan if step_px = {step:g} in the Gray code along {axis}"
+    if len(sets) == 1:
+        period = sets[0][1].period_px
+        advice += f", or if the fringes have period_px = {period / rate:.3g}"
+    try:
+        other = changed(plan, {first: replace(block, step_px=step)})
+    except InputError:
+        other = plan
+    return replace(filled(other, plan.frames, "cells", words), advice=advice)
 
 
 def _of_period(

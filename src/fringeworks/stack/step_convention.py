@@ -164,7 +164,31 @@ def convention(decoding: Decoding, lines: Lines) -> Convention | None:
     sign = _direction(along)
     at_border = np.exp(1j * np.angle((1.0 - place) * left + place * right))
     slope = float(np.median(np.abs(along))) / TURN if along.size else 0.0
-    return _convention(phases, sign, at_border, coordinate, slope)
+    rough = _rough_rate(wave, (row, column, place), coordinate / phases.period_px)
+    return _convention(phases, sign, at_border, coordinate, slope, rough)
+
+
+def _rough_rate(
+    wave: NDArray[np.complex128],
+    at: tuple[NDArray[np.intp], NDArray[np.intp], FloatMap],
+    turns: FloatMap,
+) -> float:
+    """Turns of the phase over those that the plan expects, from border to border of neighbouring
+    cells along a line; 1 where they tell no clearly different rate.
+
+    The phase at the borders alone leaves whole turns per cell open.
+    """
+    row, left, place = at
+    step = np.angle(wave[:, 1:] * np.conj(wave[:, :-1]))
+    phase = np.pad(np.cumsum(np.nan_to_num(step), axis=1), ((0, 0), (1, 0))) / TURN
+    seen = phase[row, left] + place * np.nan_to_num(step)[row, left] / TURN
+    between, planned = np.abs(np.diff(seen)), np.abs(np.diff(turns))
+    cell = float(np.median(planned[planned > 0])) if (planned > 0).any() else 0.0
+    near = (np.diff(row) == 0) & (planned > 0) & (planned < 1.5 * cell)
+    if np.count_nonzero(near) < FEWEST:
+        return 1.0
+    rate = float(np.median(between[near] / planned[near]))
+    return rate if rate > 0.0 and abs(rate - 1.0) > SEARCHED else 1.0
 
 
 def _direction(along: FloatMap) -> float:
@@ -184,8 +208,10 @@ def _convention(
     at_border: NDArray[np.complex128],
     coordinate: FloatMap,
     slope: float,
+    rough: float,
 ) -> Convention:
-    """The convention, and the period, by the phase at every border."""
+    """The convention, and the period, by the phase at every border; ``rough`` is the planned period
+    over the one that neighbouring borders show."""
     period, turns, borders = phases.period_px, coordinate / phases.period_px, coordinate.size
 
     def start_of(rate: float) -> tuple[float, float]:
@@ -204,6 +230,8 @@ def _convention(
         return planned
     few = slice(None, None, max(1, borders // MOST_BORDERS))
     rate, _ = rate_of(at_border[few], turns[few], sign, SEARCHED)
+    if rough != 1.0 and seen(rate).scatter_turns > ALIKE_TURNS:
+        rate, _ = rate_of(at_border[few], turns[few], sign * rough, SEARCHED * rough)
     fitted, spread = seen(rate), float(np.std(turns))
     error = float(np.hypot(fitted.start_error, AT_BORDER_TURNS)) / max(spread, SMALLEST)
     at_edge = np.hypot(fitted.start_error, float(np.mean(turns)) * error)

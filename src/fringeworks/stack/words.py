@@ -129,14 +129,20 @@ def unresolved(planned: Decoding, found: Decoding, labels: list[str]) -> list[Fi
 
 def beyond_projector(found: Decoding, plan: PatternPlan) -> list[Finding]:
     """Cells of a Gray code that lie beyond the plan's projector; nothing where there are few."""
-    gray = found.gray
-    if gray is None or gray.farthest_px == 0.0:
+    gray, planned = found.gray, plan.gray_code(found.axis)
+    if gray is None or planned is None or gray.farthest_px == 0.0:
         return []
+    step = planned[1].step_px
     sizes = {"x": plan.width_px, "y": plan.height_px}
     size = sizes.pop(found.axis)
     (other,) = sizes.values()
     name = "columns" if found.axis == "x" else "rows"
-    causes = ["another size of the projector than in the plan", "another Gray code"]
+    # In the plan's cells, the projector ends at the farthest one at the earliest.
+    narrower = step * size / gray.farthest_px
+    causes = [
+        "another size of the projector than in the plan",
+        f"cells of {narrower:.3g} px or less where the plan says step_px = {step:g}",
+    ]
     if size < gray.farthest_px <= other + gray.step_px:
         causes.insert(0, "width and height of the projector exchanged in the plan")
     return [
@@ -145,7 +151,7 @@ def beyond_projector(found: Decoding, plan: PatternPlan) -> list[Finding]:
             f"{percent(gray.beyond_share)} of the codes along {found.axis} lie beyond {size} px, "
             f"where the plan's projector ends: they show {name} up to {gray.farthest_px:.0f} px",
             causes=tuple(causes),
-            advice="correct the size of the projector in the plan",
+            advice="correct the size of the projector or its Gray code in the plan",
             axis=found.axis,
             figures={"farthest_px": gray.farthest_px, "share": gray.beyond_share},
         )

@@ -17,6 +17,7 @@ from fringeworks.types import (
     Reason,
     finite,
     positive,
+    unmasked,
 )
 
 MIN_ISLAND_PX = 50
@@ -130,7 +131,7 @@ def crop_cloud(
     kept = np.ones(cloud.shape, bool)
     with np.errstate(invalid="ignore"):
         if box_mm is not None:
-            box = np.asarray(box_mm)
+            box = unmasked(box_mm, "box_mm")
             if box.dtype.kind not in NUMBERS or box.shape != (2, 3) or not (box[0] < box[1]).all():
                 raise InputError(
                     f"box_mm: expected smallest and largest x, y, z, got {box.tolist()}"
@@ -152,10 +153,9 @@ def crop_cloud(
                 )
             kept &= (cloud.xyz_mm - point) @ normal >= 0
     if mask is not None:
-        if np.shape(mask) != cloud.shape or np.asarray(mask).dtype != bool:
-            raise InputError(
-                f"mask: expected bool {cloud.shape}, got {np.asarray(mask).dtype} {np.shape(mask)}"
-            )
+        mask = unmasked(mask, "mask")
+        if mask.shape != cloud.shape or mask.dtype != bool:
+            raise InputError(f"mask: expected bool {cloud.shape}, got {mask.dtype} {mask.shape}")
         kept &= mask
     return _without(cloud, ~kept, Reason.MASKED)
 

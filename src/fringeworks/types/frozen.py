@@ -41,8 +41,8 @@ class Frozen:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if masks_exist() and isinstance(value, np.ma.MaskedArray):
-                value = unmasked(value, field.name)
+            if masks_exist():
+                value = _unmasked(value, field.name)
             object.__setattr__(self, field.name, _owned(value))
         check_layout(vars(self), self.layout)
 
@@ -66,6 +66,16 @@ class Frozen:
         # Unpickled arrays are new and writable.
         for name, value in state.items():
             object.__setattr__(self, name, _owned(value))
+
+
+def _unmasked(value: Any, name: str) -> Any:
+    """A field without a masked array, also in mappings and sequences; refused where it masks."""
+    if isinstance(value, np.ma.MaskedArray):
+        return unmasked(value, name)
+    inner = value.values() if type(value) is dict else value if type(value) in (list, tuple) else ()
+    for one in inner:
+        _unmasked(one, name)
+    return value
 
 
 def sealed(array: Array) -> Array:

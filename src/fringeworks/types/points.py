@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.types.arrays import BoolMap, FloatMap
+from fringeworks.types.checks import unmasked
 from fringeworks.types.errors import InputError
 from fringeworks.types.finding import Finding, Noted
 from fringeworks.types.frozen import Frozen
@@ -85,7 +86,7 @@ class TriangleMesh(Noted, Frozen):
         vertices = np.asarray(self.vertices_mm)
         if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices).all():
             raise InputError(f"mesh: expected finite vertices (n, 3), got shape {vertices.shape}")
-        faces = np.asarray(self.faces)
+        faces = unmasked(self.faces, "faces")
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "ui":
             raise InputError(
                 f"mesh: expected faces (m, 3) of whole numbers, got {faces.dtype} {faces.shape}"

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from fringeworks.rig.pinhole import inverse, pose, rotation, skew
-from fringeworks.types import FloatMap, Frozen, InputError, finite
+from fringeworks.types import FloatMap, Frozen, InputError, finite, unmasked
 
 MOST_SKEW = 1e-3
 """Largest deviation of RᵀR from the identity. Measured poses, and files with few digits, are
@@ -158,7 +158,7 @@ def turntable_axis(
     of their rotation vectors. The point solves (R_ij − 1) c = −t_ij by least squares, since a
     point c of the axis stays where it is. Errors are by leaving out one view at a time (jackknife).
     """
-    poses = [np.asarray(T, np.float64) for T in poses]
+    poses = [unmasked(T, "poses").astype(np.float64) for T in poses]
     if len(poses) < MIN_AXIS_POSES:
         raise InputError(f"poses: expected {MIN_AXIS_POSES} or more, got {len(poses)}")
     for T in poses:

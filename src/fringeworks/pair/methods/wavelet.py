@@ -188,7 +188,7 @@ def wavelet_ridge(
     if not (values.min() >= -LARGEST and values.max() <= LARGEST):
         raise InputError(f"frame: expected finite values up to {LARGEST:g}, got others")
     _check_omega(omega)
-    f = np.asarray(frequencies, dtype=np.float64)
+    f = unmasked(frequencies, "frequencies").astype(np.float64)
     known = f.ndim == 1 and f.size >= 3 and bool(np.isfinite(f).all())
     if not known or not (np.diff(f) > 0).all() or not 0 < f[0] <= f[-1] <= 0.5:
         raise InputError(

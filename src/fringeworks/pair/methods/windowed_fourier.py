@@ -25,7 +25,7 @@ from fringeworks.pair.ridge import (
 )
 from fringeworks.signal.bands import row_bands
 from fringeworks.signal.noise import noise_variance
-from fringeworks.types import LARGEST, FloatMap, InputError, finite, positive
+from fringeworks.types import LARGEST, FloatMap, InputError, finite, positive, unmasked
 
 CONTINUATION_DEPTH = 2.0
 """Distance from the field's end of the waves that continue it into the border, σ.
@@ -160,7 +160,7 @@ def _check(
     field: NDArray[np.generic], sigma_px: float, limit: float, step: float
 ) -> tuple[Analytic, tuple[int, int]]:
     """Check field and options; return the field as complex64, and its shape."""
-    values = np.asarray(field)
+    values = unmasked(field, "field")
     if values.ndim != 2 or values.size == 0:
         raise InputError(f"field: expected shape (h, w) with a pixel or more, got {values.shape}")
     if values.dtype.kind not in "cfiu":

@@ -5,8 +5,9 @@
 //! on one surface the finest phase counts the turns between them, and only the right order lies in the
 //! cells of all.
 
+use super::band::Band;
 use super::field::Field;
-use super::{Measured, UNDECIDED};
+use super::{BAND_ROWS, Measured, UNDECIDED, bands};
 use crate::decode::DecodeSettings;
 use crate::{Error, Image, Reason, check_shape, check_value};
 use rayon::prelude::*;
@@ -141,17 +142,23 @@ pub fn vote_cells(
         })
         .collect();
     let ambiguous = u8::from(Reason::OrderAmbiguous);
-    let orders: Vec<i32> = (0..field.len())
-        .into_par_iter()
-        .map(|i| {
-            if out.reason[i] != ambiguous {
-                return UNDECIDED;
-            }
-            orders_of(&field, cells, i, code.slack + field.slack(i))
-                .and_then(|own| common(&field, &allowed, &own, i, rules))
-                .unwrap_or(UNDECIDED)
-        })
-        .collect();
+    let mut orders = vec![UNDECIDED; field.len()];
+    let bands = bands(&field).zip(orders.par_chunks_mut(BAND_ROWS * field.width()));
+    let reason = &out.reason;
+    bands.for_each_init(Band::default, |band, (rows, orders)| {
+        let start = rows.start * field.width();
+        let asked = |i: usize| reason[start + i] == ambiguous;
+        if !(0..orders.len()).any(asked) {
+            return;
+        }
+        band.fill(&field, rows, 0);
+        for i in (0..orders.len()).filter(|&i| asked(i)) {
+            let here = start + i;
+            let own = orders_of(&field, cells, here, code.slack + field.slack(here));
+            let common = own.and_then(|own| common(&field, band, &allowed, &own, here, rules));
+            orders[i] = common.unwrap_or(UNDECIDED);
+        }
+    });
     let none = vec![false; field.len()];
     Ok(super::write(&field, &orders, &none, &mut out))
 }
@@ -175,6 +182,7 @@ fn orders_of(field: &Field, cells: &Cells, i: usize, slack: f32) -> Option<Range
 /// The order of a pixel that the cells of the window around it have in common.
 fn common(
     field: &Field,
+    band: &Band,
     allowed: &[Option<RangeInclusive<i32>>],
     own: &RangeInclusive<i32>,
     i: usize,
@@ -185,7 +193,7 @@ fn common(
         return None;
     }
     let (mut votes, mut all, mut continued) = ([0usize; MOST_ORDERS], 0, 0);
-    field.for_window(y, x, rules.radius, |there, turns| {
+    field.for_window((y, x), band.slope_at(y, x), rules.radius, |there, turns| {
         continued += 1;
         if there != i
             && let Some(orders) = &allowed[there]

@@ -141,6 +141,8 @@ class Decoder:
         self._found: Judgement | None = None
         self._judged, self._ambiguous = False, 0
         self._raised: dict[Axis, FloatMap] = {}
+        self._windows: dict[Axis, bool] = {}
+        """Whether windows of pixels vote on fringe orders, by the last judged stack."""
         self._left_out: set[Axis | None] = set()
         """Axes of which hardly a pixel can be measured."""
         self._kernels: dict[Axis, _core.DecodeSettings] = {}
@@ -325,7 +327,7 @@ class Decoder:
         stacks σ is raised where neighbours scattered in the last judged one."""
         if self._since == 0:
             self._judge(planes)
-            self._raised = {}
+            self._raised, self._windows = {}, {}
         assert self._found is not None
         options = self._options
         keeps_phases = options.get("keep_phases", False)
@@ -338,6 +340,7 @@ class Decoder:
             remove_isolated=options.get("remove_isolated", True),
             keep_blur=options.get("keep_blur", False),
             raised=self._raised if steady else None,
+            windows=self._windows,
             out=None if keeps_phases else self._decoded,
         )
         judged = self._since == 0

@@ -161,6 +161,7 @@ fn prepare(band: &mut Band, at: usize, field: &Field, y: usize) {
     band.clear(at..at + PAD);
     band.clear(at + PAD + width..at + band.stride);
     let (lit, phase, noise) = field.row(field.finest, y);
+    let (lit, phase, noise) = (&lit[..width], &phase[..width], &noise[..width]);
     let fine = row_of!(band.fine, at, width);
     let variance = row_of!(band.variance, at, width);
     let weight = row_of!(band.weight, at, width);
@@ -180,6 +181,7 @@ fn prepare(band: &mut Band, at: usize, field: &Field, y: usize) {
     for (j, set) in band.others.iter_mut().enumerate() {
         let share = field.other_ratio[j];
         let (_, own, own_noise) = field.row(field.other_sets[j], y);
+        let (own, own_noise) = (&own[..width], &own_noise[..width]);
         let [cosine, sine] = &mut set.phasor;
         let (cosine, sine) = (row_of!(cosine, at, width), row_of!(sine, at, width));
         let weight = row_of!(set.weight, at, width);

@@ -70,8 +70,7 @@ impl Phases {
     pub fn of_means(&mut self, field: &Field, means: &Means, pixels: &[usize]) {
         let others = field.others();
         self.turns[..others].copy_from_slice(&means.turns[..others]);
-        self.weigh(field, &means.variance, &means.finest_variance);
-        self.limit(field, pixels);
+        self.weigh(field, &means.variance, &means.finest_variance, pixels);
     }
 
     /// Those of single pixels, up to as many as there are lanes.
@@ -90,45 +89,37 @@ impl Phases {
             gather(&field.phases[k], &mut self.turns[j]);
             gather(&field.variances[k], &mut variance[j]);
             let ratio = field.other_ratio[j];
-            for (turns, fine) in self.turns[j].iter_mut().zip(&fine) {
-                *turns = wrap(*turns * PER_TURN - ratio * (fine * PER_TURN));
-            }
+            take_finest(&mut self.turns[j], &fine, ratio);
         }
-        self.weigh(field, &variance, &fine_variance);
-        self.limit(field, pixels);
+        self.weigh(field, &variance, &fine_variance, pixels);
     }
 
-    fn weigh(&mut self, field: &Field, variance: &[Lane; MAX_OTHERS], finest: &Lane) {
-        let mut total = [0.0; LANES];
-        let of = |variance: f32, floor: f32| (TAU * TAU) / (variance + floor);
-        for i in 0..LANES {
-            total[i] = of(finest[i], field.floor[field.finest]);
-        }
-        for j in 0..field.others() {
-            let (floor, ratio) = (field.floor[field.other_sets[j]], field.other_ratio[j]);
-            for i in 0..LANES {
-                let weight = of(variance[j][i], floor);
-                self.weight[j][i] = weight;
-                total[i] += ratio * ratio * weight;
-            }
-        }
-        self.per_total = total.map(|total| 1.0 / total);
-    }
-
-    /// Set the range of orders. Lanes without a lit pixel have none.
-    fn limit(&mut self, field: &Field, pixels: &[usize]) {
+    /// Set the weights and the range of orders. Lanes without a lit pixel have none.
+    fn weigh(
+        &mut self,
+        field: &Field,
+        variance: &[Lane; MAX_OTHERS],
+        finest: &Lane,
+        pixels: &[usize],
+    ) {
+        weigh(self, field, variance, finest);
         let chain = &field.settings.chain;
-        (self.low, self.high) = ([0.0; LANES], [-1.0; LANES]);
+        let mut reach = [f32::NAN; LANES];
+        let mut fine = [0.0; LANES];
         for (lane, &i) in pixels.iter().enumerate().filter(|&(_, &i)| field.is_lit(i)) {
             let slack = if chain.circular {
                 0.0
             } else {
                 field.slack(i).min(chain.half)
             };
-            let at = |px: f32| px * field.finest_frequency() - field.finest_turns(i);
-            self.low[lane] = at(chain.middle - chain.half - slack).ceil();
-            self.high[lane] = at(chain.middle + chain.half + slack).floor();
+            (reach[lane], fine[lane]) = (chain.half + slack, field.finest_turns(i));
         }
+        limit(
+            self,
+            (chain.middle, field.finest_frequency()),
+            &reach,
+            &fine,
+        );
     }
 
     /// First and last order of all ranges.
@@ -183,6 +174,47 @@ impl Phases {
             pull += ratio * weighted;
         }
         square - pull * pull * self.per_total[lane]
+    }
+}
+
+/// Turn phases of a set (rad) into turns less the share that the finest phases explain.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
+fn take_finest(own: &mut Lane, finest: &Lane, ratio: f32) {
+    for i in 0..LANES {
+        own[i] = wrap(own[i] * PER_TURN - ratio * (finest[i] * PER_TURN));
+    }
+}
+
+/// Set the weights of phases by their variances, rad².
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
+fn weigh(phases: &mut Phases, field: &Field, variance: &[Lane; MAX_OTHERS], finest: &Lane) {
+    let mut total = [0.0; LANES];
+    for i in 0..LANES {
+        total[i] = (TAU * TAU) / (finest[i] + field.floor[field.finest]);
+    }
+    for j in 0..field.others() {
+        let (floor, ratio) = (field.floor[field.other_sets[j]], field.other_ratio[j]);
+        let (weights, variance) = (&mut phases.weight[j], &variance[j]);
+        for i in 0..LANES {
+            let weight = (TAU * TAU) / (variance[i] + floor);
+            weights[i] = weight;
+            total[i] += ratio * ratio * weight;
+        }
+    }
+    for i in 0..LANES {
+        phases.per_total[i] = 1.0 / total[i];
+    }
+}
+
+/// Set the range of orders of coordinates up to a `reach` from the middle of the range, px; NaN: none.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
+fn limit(phases: &mut Phases, (middle, frequency): (f32, f32), reach: &Lane, fine: &Lane) {
+    for i in 0..LANES {
+        let some = !reach[i].is_nan();
+        let low = ((middle - reach[i]) * frequency - fine[i]).ceil();
+        let high = ((middle + reach[i]) * frequency - fine[i]).floor();
+        phases.low[i] = if some { low } else { 0.0 };
+        phases.high[i] = if some { high } else { -1.0 };
     }
 }
 

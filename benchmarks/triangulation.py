@@ -172,7 +172,7 @@ def noisy_frames_to_points() -> list[Result]:
         version("fringeworks"),
         live(2.0),
         live(0.5),
-        limit_ratio=1.0 / 8.0,
+        limit_ratio=1.0 / 12.0,
         repeats=21,
     )
     return [replace(found, limit_seconds=0.1)]

@@ -122,8 +122,7 @@ class Decoder:
         self._depth = None if rig is None else depth_range_of(depth_mm, rig)
         if self._depth is not None:
             options.setdefault("absolute", not repeats(plan))
-        self._plan = plan
-        self._shape, self._dtype = (shape[0], shape[1]), np.dtype(dtype)
+        self._plan, self._shape, self._dtype = plan, (shape[0], shape[1]), np.dtype(dtype)
         self._photographs: float | None = options.get("saturation")
         """Saturation of the photographs of a plan with colours; the type's where None."""
         self._options = options = _of_frames(plan, options)
@@ -141,8 +140,7 @@ class Decoder:
         self._found: Judgement | None = None
         self._judged, self._ambiguous = False, 0
         self._raised: dict[Axis, FloatMap] = {}
-        self._windows: dict[Axis, bool] = {}
-        """Whether windows of pixels vote on fringe orders, by the last judged stack."""
+        self._windows: dict[Axis, bool] = {}  # whether they vote, by the last judged stack
         self._left_out: set[Axis | None] = set()
         """Axes of which hardly a pixel can be measured."""
         self._kernels: dict[Axis, _core.DecodeSettings] = {}

@@ -141,26 +141,41 @@ pub fn vote_cells(
             order => Some(order..=order),
         })
         .collect();
-    let ambiguous = u8::from(Reason::OrderAmbiguous);
-    let mut orders = vec![UNDECIDED; field.len()];
-    let bands = bands(&field).zip(orders.par_chunks_mut(BAND_ROWS * field.width()));
-    let reason = &out.reason;
-    bands.for_each_init(Band::default, |band, (rows, orders)| {
-        let start = rows.start * field.width();
-        let asked = |i: usize| reason[start + i] == ambiguous;
-        if !(0..orders.len()).any(asked) {
-            return;
-        }
-        band.fill(&field, rows, 0);
-        for i in (0..orders.len()).filter(|&i| asked(i)) {
-            let here = start + i;
-            let own = orders_of(&field, cells, here, code.slack + field.slack(here));
-            let common = own.and_then(|own| common(&field, band, &allowed, &own, here, rules));
-            orders[i] = common.unwrap_or(UNDECIDED);
-        }
-    });
+    let slack = |i: usize| code.slack + field.slack(i);
+    let own = |i: usize| {
+        let asked = out.reason[i] == u8::from(Reason::OrderAmbiguous);
+        asked
+            .then(|| orders_of(&field, cells, i, slack(i)))
+            .flatten()
+    };
+    let orders = common_orders(&field, &allowed, own, rules);
     let none = vec![false; field.len()];
     Ok(super::write(&field, &orders, &none, &mut out))
+}
+
+/// The orders that the cells of windows have in common, of the pixels that ask for it with theirs.
+fn common_orders(
+    field: &Field,
+    allowed: &[Option<RangeInclusive<i32>>],
+    own: impl Fn(usize) -> Option<RangeInclusive<i32>> + Sync,
+    rules: &CellRules,
+) -> Vec<i32> {
+    let mut orders = vec![UNDECIDED; field.len()];
+    let length = (BAND_ROWS * field.width()).max(1);
+    let bands = bands(field).zip(orders.par_chunks_mut(length));
+    bands.for_each_init(Band::default, |band, (rows, orders)| {
+        let start = rows.start * field.width();
+        let asked = (start..)
+            .zip(orders)
+            .filter_map(|(i, order)| Some((i, own(i)?, order)));
+        for (k, (i, own, order)) in asked.enumerate() {
+            if k == 0 {
+                band.fill(field, rows.clone(), 0);
+            }
+            *order = common(field, band, allowed, &own, i, rules).unwrap_or(UNDECIDED);
+        }
+    });
+    orders
 }
 
 /// Orders of a pixel whose coordinates lie in its cell, or beside it by up to `slack` (px); none where

@@ -271,9 +271,15 @@ fn vote<const M: usize>(phases: &Phases, field: &Field, memory: &mut Vec<Lane>, 
             out.order[i] = if better { order } else { out.order[i] };
         }
     }
+    weigh_others(first, memory, out);
+}
+
+/// Set the posterior probabilities of all orders but the best, from the misfits of the orders on.
+#[inline(always)]
+fn weigh_others(first: i32, misfits: &[Lane], out: &mut Vote) {
     // Probabilities of the others over that of the best order.
     let mut total = [0.0; LANES];
-    for (order, misfit) in (first..).zip(memory.iter()) {
+    for (order, misfit) in (first..).zip(misfits) {
         let order = order as f32;
         let mut some = false;
         for i in 0..LANES {

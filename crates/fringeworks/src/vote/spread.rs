@@ -10,7 +10,7 @@ use rayon::prelude::*;
 /// continues.
 pub fn orders(field: &Field, decided: &[i32], rules: &Rules) -> Vec<i32> {
     let mut orders = decided.to_vec();
-    let bands = bands(field).zip(orders.par_chunks_mut(BAND_ROWS * field.width()));
+    let bands = bands(field).zip(orders.par_chunks_mut((BAND_ROWS * field.width()).max(1)));
     let needs = Needs {
         error_rate: rules.near_error_rate,
         misfit: f32::INFINITY,

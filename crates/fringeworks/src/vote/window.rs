@@ -136,18 +136,8 @@ fn add<const M: usize>(
     sums: &mut Sums<M>,
 ) {
     let there = place.wrapping_add_signed(down * band.stride as isize + right);
-    let (along, across) = (down as f32, right as f32);
-    let [slope_across, slope_along] = [lanes(&band.slope[0], place), lanes(&band.slope[1], place)];
-    let (from, to) = (lanes(&band.fine, place), lanes(&band.fine, there));
-    let (noise, noise_there) = (lanes(&band.variance, place), lanes(&band.variance, there));
-    let (mut turns, mut member, mut most) = ([0.0; LANES], [0.0; LANES], 0);
-    for i in 0..LANES {
-        let slope = [slope_across[i], slope_along[i]];
-        let off = to[i] - from[i] - (slope[0] * across + slope[1] * along);
-        let (whole, near) = continues(off, noise[i] + noise_there[i], bend(slope, across, along));
-        turns[i] = if near { whole } else { 0.0 };
-        member[i] = if near { 1.0 } else { 0.0 };
-    }
+    let (turns, member) = members(band, place, there, (right as f32, down as f32));
+    let mut most = 0;
     for turns in &turns {
         // Numbers that are not negative are in the order of their bits.
         most = turns.abs().to_bits().max(most);
@@ -184,6 +174,24 @@ fn add<const M: usize>(
             sums.weight[j][i] += if near { weight[i] } else { 0.0 };
         }
     }
+}
+
+/// Whole turns of the finest phase from the pixels at one place to those at another one, and 1 where these
+/// continue it.
+#[inline(always)]
+fn members(band: &Band, place: usize, there: usize, (across, along): (f32, f32)) -> (Lane, Lane) {
+    let [slope_across, slope_along] = [lanes(&band.slope[0], place), lanes(&band.slope[1], place)];
+    let (from, to) = (lanes(&band.fine, place), lanes(&band.fine, there));
+    let (noise, noise_there) = (lanes(&band.variance, place), lanes(&band.variance, there));
+    let (mut turns, mut member) = ([0.0; LANES], [0.0; LANES]);
+    for i in 0..LANES {
+        let slope = [slope_across[i], slope_along[i]];
+        let off = to[i] - from[i] - (slope[0] * across + slope[1] * along);
+        let (whole, near) = continues(off, noise[i] + noise_there[i], bend(slope, across, along));
+        turns[i] = if near { whole } else { 0.0 };
+        member[i] = if near { 1.0 } else { 0.0 };
+    }
+    (turns, member)
 }
 
 /// By what whole turns of the finest phase turn a set, up to `most` of them.

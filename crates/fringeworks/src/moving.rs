@@ -33,7 +33,7 @@ const COSINE: [f32; 3] = [4.166_665e-2, -1.388_731_6e-3, 2.443_315_7e-5];
 
 /// Cosine and sine of angles to 2e-7 within ±1000 rad; NaN for what is not finite.
 #[inline(always)]
-fn wave(angle: f32) -> (f32, f32) {
+pub(crate) fn wave(angle: f32) -> (f32, f32) {
     let quarters = (angle * PER_QUARTER + ROUNDER) - ROUNDER;
     let r = ((angle - quarters * QUARTER[0]) - quarters * QUARTER[1]) - quarters * QUARTER[2];
     let q = r * r;

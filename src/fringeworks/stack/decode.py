@@ -243,20 +243,25 @@ def measured(
     out: Decoded | None,
     keep_blur: bool = False,
     raised: dict[Axis, FloatMap] | None = None,
+    windows: dict[Axis, bool] | None = None,
 ) -> Decoded:
     """Decode judged frames along all axes.
 
     ``kernels`` are those of the findings. ``typical_px`` is the typical difference of neighbours;
     axes that it lacks are added from these frames. ``raised`` is by how much neighbours raised σ of
     each pixel before, which is taken again for the axes that it has, and kept for the others.
+    ``windows`` is whether windows of pixels vote on fringe orders, likewise.
     """
     maps = {}
+    windows = {} if windows is None else windows
     details: dict[str, Any] = {}
     for axis, found in findings.axes.items():
         sets = len(found.decoding.sets) if keep_phases else 0
         results = empty_maps(planes[0].shape, sets=sets) if out is None else reused_maps(out, axis)
         axis_planes = [planes[k] for k in found.decoding.frames]
-        measure_axis(axis_planes, found, findings, results, kernels[axis])
+        windows[axis] = measure_axis(
+            axis_planes, found, findings, results, kernels[axis], windows.get(axis)
+        )
         if remove_isolated and axis not in typical_px:
             typical_px[axis] = typical_step(found, results)
         typical = typical_px.get(axis)
@@ -299,11 +304,13 @@ def measure_axis(
     findings: Judgement,
     results: dict[str, Any],
     kernel: _core.DecodeSettings | None = None,
-) -> None:
+    windows: bool | None = None,
+) -> bool:
     """Run the kernel, once more where errors differ over the scene, and let neighbours vote on
     fringe orders where many are ambiguous.
 
-    ``kernel`` is that of ``found``, where it is there already.
+    ``kernel`` is that of ``found``, where it is there already. ``windows`` is whether windows of
+    pixels may vote, if that is known. Returns it.
     """
     decoding, noise, limits = found.decoding, findings.noise, findings.limits
     if found.uneven:
@@ -321,15 +328,34 @@ def measure_axis(
             usual = float("inf")
         kernel = decoding.kernel(noise, limits, usual)
         in_bands(planes, results, partial(_run, kernel))
-    if found.votes:
-        lines, regions = lines_in_doubt(decoding, results), None
-        if decoding.gray is None:
-            regions = regions_of(decoding, planes, results, (noise, limits))
-        if _may_vote(decoding, regions):
-            vote(decoding, kernel, results)
-        if regions is not None and worth_voting(decoding, results):
+    if not found.votes:
+        return False
+    return _ask_neighbours(decoding, planes, results, kernel, (noise, limits), windows)
+
+
+def _ask_neighbours(
+    decoding: Decoding,
+    planes: Planes,
+    results: dict[str, Any],
+    kernel: _core.DecodeSettings,
+    known: tuple[CameraNoise, Limits],
+    windows: bool | None,
+) -> bool:
+    """Let neighbours decide ambiguous fringe orders; see ``measure_axis``."""
+    find = partial(regions_of, decoding, planes, results, known)
+    lines, regions = lines_in_doubt(decoding, results), None
+    if windows is None:
+        # Regions take longer than all other steps together: they are looked up once for a scene.
+        regions = find() if decoding.gray is None else None
+        windows = _may_vote(decoding, regions)
+    if windows:
+        vote(decoding, kernel, results)
+    if decoding.gray is None and worth_voting(decoding, results):
+        regions = regions or find()
+        if regions is not None:
             decide_by_regions(regions, results)
-        leave_in_doubt(results, lines)
+    leave_in_doubt(results, lines)
+    return windows
 
 
 def _may_vote(decoding: Decoding, regions: Regions | None) -> bool:

@@ -122,8 +122,7 @@ class Decoder:
         self._depth = None if rig is None else depth_range_of(depth_mm, rig)
         if self._depth is not None:
             options.setdefault("absolute", not repeats(plan))
-        self._plan = plan
-        self._shape, self._dtype = (shape[0], shape[1]), np.dtype(dtype)
+        self._plan, self._shape, self._dtype = plan, (shape[0], shape[1]), np.dtype(dtype)
         self._photographs: float | None = options.get("saturation")
         """Saturation of the photographs of a plan with colours; the type's where None."""
         self._options = options = _of_frames(plan, options)
@@ -141,6 +140,7 @@ class Decoder:
         self._found: Judgement | None = None
         self._judged, self._ambiguous = False, 0
         self._raised: dict[Axis, FloatMap] = {}
+        self._windows: dict[Axis, bool] = {}  # whether they vote, by the last judged stack
         self._left_out: set[Axis | None] = set()
         """Axes of which hardly a pixel can be measured."""
         self._kernels: dict[Axis, _core.DecodeSettings] = {}
@@ -325,7 +325,7 @@ class Decoder:
         stacks σ is raised where neighbours scattered in the last judged one."""
         if self._since == 0:
             self._judge(planes)
-            self._raised = {}
+            self._raised, self._windows = {}, {}
         assert self._found is not None
         options = self._options
         keeps_phases = options.get("keep_phases", False)
@@ -338,6 +338,7 @@ class Decoder:
             remove_isolated=options.get("remove_isolated", True),
             keep_blur=options.get("keep_blur", False),
             raised=self._raised if steady else None,
+            windows=self._windows,
             out=None if keeps_phases else self._decoded,
         )
         judged = self._since == 0

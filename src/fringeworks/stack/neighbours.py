@@ -12,6 +12,7 @@ from fringeworks.patterns.order_chain import TURN, separation
 from fringeworks.signal.filters import box_mean
 from fringeworks.stack.kernel_settings import Decoding, lit_pixels
 from fringeworks.statistics.chi_square import chi_square_quantile
+from fringeworks.statistics.quantiles import median
 from fringeworks.types import BoolMap, FloatMap, Reason
 
 WORTH_VOTING = 0.02
@@ -185,7 +186,7 @@ def _radius(decoding: Decoding, results: dict[str, Any]) -> int:
         asked = results["reason"] == Reason.OK
     if not asked.any():
         return 1
-    weights = [TURN**2 / float(np.median(v[asked])) for v in results["variances"]]
+    weights = [TURN**2 / median(v[asked]) for v in results["variances"]]
     periods = [phases.period_px for phases in decoding.sets]
     apart = separation(periods, decoding.length_px, weights)
     # The likelihood of an order falls by exp(-d²/2) at d standard deviations from another one.

@@ -7,7 +7,7 @@
 //!
 //! Multiplications and additions are not fused, so that all instruction sets give the same numbers.
 
-mod fit;
+pub(crate) mod fit;
 mod gray_code;
 mod orders;
 mod outputs;

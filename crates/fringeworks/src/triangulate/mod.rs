@@ -12,7 +12,7 @@
 //! Polynomials use fused multiply-add where the processor has it, so results of different
 //! instruction sets agree to rounding only.
 
-mod arithmetic;
+pub(crate) mod arithmetic;
 mod depth;
 mod field;
 mod lens;

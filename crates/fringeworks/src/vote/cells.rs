@@ -5,8 +5,9 @@
 //! on one surface the finest phase counts the turns between them, and only the right order lies in the
 //! cells of all.
 
+use super::band::Band;
 use super::field::Field;
-use super::{Measured, UNDECIDED};
+use super::{BAND_ROWS, Measured, UNDECIDED, bands};
 use crate::decode::DecodeSettings;
 use crate::{Error, Image, Reason, check_shape, check_value};
 use rayon::prelude::*;
@@ -140,20 +141,41 @@ pub fn vote_cells(
             order => Some(order..=order),
         })
         .collect();
-    let ambiguous = u8::from(Reason::OrderAmbiguous);
-    let orders: Vec<i32> = (0..field.len())
-        .into_par_iter()
-        .map(|i| {
-            if out.reason[i] != ambiguous {
-                return UNDECIDED;
-            }
-            orders_of(&field, cells, i, code.slack + field.slack(i))
-                .and_then(|own| common(&field, &allowed, &own, i, rules))
-                .unwrap_or(UNDECIDED)
-        })
-        .collect();
+    let slack = |i: usize| code.slack + field.slack(i);
+    let own = |i: usize| {
+        let asked = out.reason[i] == u8::from(Reason::OrderAmbiguous);
+        asked
+            .then(|| orders_of(&field, cells, i, slack(i)))
+            .flatten()
+    };
+    let orders = common_orders(&field, &allowed, own, rules);
     let none = vec![false; field.len()];
     Ok(super::write(&field, &orders, &none, &mut out))
+}
+
+/// The orders that the cells of windows have in common, of the pixels that ask for it with theirs.
+fn common_orders(
+    field: &Field,
+    allowed: &[Option<RangeInclusive<i32>>],
+    own: impl Fn(usize) -> Option<RangeInclusive<i32>> + Sync,
+    rules: &CellRules,
+) -> Vec<i32> {
+    let mut orders = vec![UNDECIDED; field.len()];
+    let length = (BAND_ROWS * field.width()).max(1);
+    let bands = bands(field).zip(orders.par_chunks_mut(length));
+    bands.for_each_init(Band::default, |band, (rows, orders)| {
+        let start = rows.start * field.width();
+        let asked = (start..)
+            .zip(orders)
+            .filter_map(|(i, order)| Some((i, own(i)?, order)));
+        for (k, (i, own, order)) in asked.enumerate() {
+            if k == 0 {
+                band.fill(field, rows.clone(), 0);
+            }
+            *order = common(field, band, allowed, &own, i, rules).unwrap_or(UNDECIDED);
+        }
+    });
+    orders
 }
 
 /// Orders of a pixel whose coordinates lie in its cell, or beside it by up to `slack` (px); none where
@@ -175,6 +197,7 @@ fn orders_of(field: &Field, cells: &Cells, i: usize, slack: f32) -> Option<Range
 /// The order of a pixel that the cells of the window around it have in common.
 fn common(
     field: &Field,
+    band: &Band,
     allowed: &[Option<RangeInclusive<i32>>],
     own: &RangeInclusive<i32>,
     i: usize,
@@ -185,7 +208,7 @@ fn common(
         return None;
     }
     let (mut votes, mut all, mut continued) = ([0usize; MOST_ORDERS], 0, 0);
-    field.for_window(y, x, rules.radius, |there, turns| {
+    field.for_window((y, x), band.slope_at(y, x), rules.radius, |there, turns| {
         continued += 1;
         if there != i
             && let Some(orders) = &allowed[there]

@@ -17,20 +17,30 @@
 //! The finest phase does not show a step of a whole period. The other phases do: such a window fits no
 //! order, so no order crosses the step unseen.
 
+mod ballot;
+mod band;
 mod cells;
 mod field;
 mod orders;
 mod spread;
+mod window;
 
 use crate::decode::DecodeSettings;
 use crate::{Error, Image, ImageMut, Reason, check_length, check_shape, check_value};
+use ballot::{Needs, Worker};
+use band::LANES;
 pub use cells::{CellRules, Cells, vote_cells};
 use field::Field;
 use rayon::prelude::*;
 use std::f32::consts::TAU;
+use std::ops::Range;
 
 /// Rows between those that systematic errors are estimated from.
 const SAMPLED_ROWS: usize = 4;
+
+/// Rows that are prepared together: few enough for the second cache of a processor, and a multiple of
+/// those between two sampled ones.
+const BAND_ROWS: usize = 16;
 
 /// Most pixels of a row, from the edges of a window to its middle.
 const MAX_RADIUS: usize = 7;
@@ -159,15 +169,9 @@ pub fn vote_orders(
     let (floor, scatter) = usual_errors(&field, rules);
     field.add_floor(floor);
     field.usual_scatter = scatter.clamp(1.0, MOST_SCATTER);
-    let known = known_orders(&field, &out);
-    let mut orders = window_orders(&field, rules);
     // What a vote does not decide, or what it contradicts, is that of the pixel itself.
-    let contradicted: Vec<bool> = (known.iter().zip(&orders))
-        .map(|(&own, &vote)| own != UNDECIDED && vote != UNDECIDED && own != vote)
-        .collect();
-    for (order, &own) in orders.iter_mut().zip(&known) {
-        *order = if own == UNDECIDED { *order } else { own };
-    }
+    let mut orders = known_orders(&field, &out);
+    let contradicted = window_orders(&field, rules, &mut orders);
     let spread = spread::orders(&field, &orders, rules);
     Ok(write(&field, &spread, &contradicted, &mut out))
 }
@@ -216,51 +220,112 @@ fn known_orders(field: &Field, out: &Measured) -> Vec<i32> {
 /// Variance of the phases that windows do not average out, rad², by what their means miss their orders
 /// beyond noise; and the usual scatter in a window.
 fn usual_errors(field: &Field, rules: &Rules) -> (f32, f32) {
-    let rows = (0..field.height()).into_par_iter().step_by(SAMPLED_ROWS);
-    let (mut squares, (mut variances, mut scatter)): (Vec<f32>, (Vec<f32>, Vec<f32>)) = rows
-        .flat_map_iter(|y| {
-            (0..field.width()).filter_map(move |x| {
-                let mean = field.mean(y, x, rules.radius)?;
-                let vote = field.vote_at(&mean, y * field.width() + x);
-                let variance = field.coarse_variance(&mean);
-                Some((vote.misfit * variance, (variance, mean.scatter)))
-            })
+    let found: Vec<Vec<[f32; 3]>> = bands(field)
+        .map_init(Worker::default, |worker, rows| {
+            worker.band.fill(field, rows.clone(), rules.radius);
+            let mut found = vec![];
+            for y in rows.filter(|y| y % SAMPLED_ROWS == 0) {
+                sample_row(field, worker, y, rules.radius, &mut found);
+            }
+            found
         })
-        .unzip();
-    let quantile = |values: &mut Vec<f32>, share: f32| {
+        .collect();
+    let of = |k: usize| -> Vec<f32> { found.iter().flatten().map(|v| v[k]).collect() };
+    let quantile = |values: &mut [f32], share: f32| {
         let place = (share * (values.len() - 1) as f32) as usize;
         *values.select_nth_unstable_by(place, f32::total_cmp).1
     };
-    if squares.is_empty() {
+    if found.iter().all(Vec::is_empty) {
         return (0.0, 1.0);
     }
-    let noise = quantile(&mut variances, SHARES[0]);
-    let pairs = SHARES.iter().zip(&rules.usual_misfit);
-    let floor = pairs.fold(0.0, |most, (&share, &usual)| {
-        (quantile(&mut squares, share) / usual - noise).max(most)
+    let (squares, (noise, scatter)) = rayon::join(
+        || {
+            let mut squares = of(0);
+            SHARES.map(|share| quantile(&mut squares, share))
+        },
+        || {
+            (
+                quantile(&mut of(1), SHARES[0]),
+                quantile(&mut of(2), SHARES[0]),
+            )
+        },
+    );
+    let pairs = squares.iter().zip(&rules.usual_misfit);
+    let floor = pairs.fold(0.0, |most: f32, (square, usual)| {
+        (square / usual - noise).max(most)
     });
-    (floor, quantile(&mut scatter, SHARES[0]))
+    (floor, scatter)
 }
 
-/// Orders that the window around every lit pixel votes for.
-fn window_orders(field: &Field, rules: &Rules) -> Vec<i32> {
-    let mut orders = vec![UNDECIDED; field.len()];
-    let rows = orders.par_chunks_mut(field.width()).enumerate();
-    rows.for_each(|(y, row)| {
-        for (x, order) in row.iter_mut().enumerate() {
-            let i = y * field.width() + x;
-            let Some(mean) = field.mean(y, x, rules.radius) else {
-                continue;
-            };
-            let vote = field.vote_at(&mean, i);
-            let certain = vote.others <= rules.error_rate && vote.misfit <= rules.largest_misfit;
-            let shown = certain && field.is_even(&mean) && !field.is_borrowed(y, x);
-            if shown && field.allows(i, vote.order, rules.own_doubt) {
-                *order = vote.order;
-            }
+/// The numbers of the rows of every band of an image.
+fn bands(field: &Field) -> impl IndexedParallelIterator<Item = Range<usize>> {
+    let height = field.height();
+    let bands = (0..height.div_ceil(BAND_ROWS)).into_par_iter();
+    bands.map(move |k| k * BAND_ROWS..height.min((k + 1) * BAND_ROWS))
+}
+
+/// Squared errors of the means of windows in rad², their variances and their scatter, of a row.
+fn sample_row(
+    field: &Field,
+    worker: &mut Worker,
+    y: usize,
+    radius: usize,
+    found: &mut Vec<[f32; 3]>,
+) {
+    let Worker {
+        band,
+        means,
+        ballot,
+    } = worker;
+    let unknown = [f32::NAN; LANES];
+    for first in (0..field.width()).step_by(LANES) {
+        let columns = first..field.width().min(first + LANES);
+        let start = y * field.width();
+        if !columns.clone().any(|x| field.is_lit(start + x)) {
+            continue;
         }
+        means.fill(field, band, band.place(y, first), radius);
+        let pixels: Vec<usize> = columns.map(|x| start + x).collect();
+        ballot.phases.of_means(field, means, &pixels);
+        let misfit = ballot.phases.best(field, &unknown);
+        for (lane, _) in pixels.iter().enumerate().filter(|&(_, &i)| field.is_lit(i)) {
+            let variance = means.coarse_variance(field.others(), lane);
+            let square = misfit[lane] * variance;
+            found.push([square, variance, means.scatter[lane]]);
+        }
+    }
+}
+
+/// Have the window around every lit pixel vote for its order. `orders` are those of the pixels
+/// themselves; those of undecided ones are set. Returns the pixels whose order a vote contradicts.
+fn window_orders(field: &Field, rules: &Rules, orders: &mut [i32]) -> Vec<bool> {
+    let mut contradicted = vec![false; field.len()];
+    let length = (BAND_ROWS * field.width()).max(1);
+    let maps = (orders.par_chunks_mut(length)).zip(contradicted.par_chunks_mut(length));
+    let bands = bands(field).zip(maps);
+    bands.for_each_init(Worker::default, |worker, (rows, (orders, contradicted))| {
+        let start = rows.start * field.width();
+        let asked = worker.ballot.asked(field, start, orders, rules.own_doubt);
+        if !asked.contains(&true) {
+            return;
+        }
+        let on = |i: usize, order: i32| {
+            let own = &mut orders[i - start];
+            if *own == UNDECIDED {
+                *own = order;
+            } else {
+                contradicted[i - start] |= *own != order;
+            }
+        };
+        let needs = Needs {
+            error_rate: rules.error_rate,
+            misfit: rules.largest_misfit,
+            doubt: rules.own_doubt,
+        };
+        worker.band.fill(field, rows.clone(), rules.radius);
+        worker.poll(field, rows, rules.radius, &asked, &needs, on);
     });
-    orders
+    contradicted
 }
 
 /// Write coordinates of decided orders, and mark contradicted pixels; returns the number of changes.
@@ -290,6 +355,9 @@ fn write(field: &Field, orders: &[i32], contradicted: &[bool], out: &mut Measure
 fn wrap(v: f32) -> f32 {
     v - v.round_ties_even()
 }
+
+/// Turns over rad.
+const PER_TURN: f32 = 1.0 / TAU;
 
 /// Variance in turns² over that in rad².
 const PER_RAD2: f32 = 1.0 / (TAU * TAU);

@@ -1,38 +1,46 @@
 //! Orders of pixels whose window fits none, from the votes next to them.
 
+use super::ballot::{Needs, Worker};
 use super::field::Field;
-use super::{Rules, UNDECIDED};
+use super::{BAND_ROWS, Rules, UNDECIDED, bands};
 use rayon::prelude::*;
 
-/// Orders of all pixels, with those that spread from decided ones.
+/// Orders of all pixels, with those that spread from decided ones: an undecided pixel gets the one that
+/// its next neighbours vote for, that its own phases allow, and that a decided pixel of its window
+/// continues.
 pub fn orders(field: &Field, decided: &[i32], rules: &Rules) -> Vec<i32> {
-    (0..field.len())
-        .into_par_iter()
-        .map(|i| {
-            if decided[i] != UNDECIDED || !field.is_lit(i) {
-                return decided[i];
+    let mut orders = decided.to_vec();
+    let bands = bands(field).zip(orders.par_chunks_mut((BAND_ROWS * field.width()).max(1)));
+    let needs = Needs {
+        error_rate: rules.near_error_rate,
+        misfit: f32::INFINITY,
+        doubt: rules.own_doubt,
+    };
+    bands.for_each_init(Worker::default, |worker, (rows, orders)| {
+        let start = rows.start * field.width();
+        let undecided = |(k, &order)| order == UNDECIDED && field.is_lit(start + k);
+        let asked: Vec<bool> = orders.iter().enumerate().map(undecided).collect();
+        if !asked.contains(&true) {
+            return;
+        }
+        worker.band.fill(field, rows.clone(), rules.near_radius());
+        let mut voted = vec![];
+        let radius = rules.near_radius();
+        worker.poll(field, rows, radius, &asked, &needs, |i, order| {
+            voted.push((i, order))
+        });
+        for (i, order) in voted {
+            let at = (i / field.width(), i % field.width());
+            let slope = worker.band.slope_at(at.0, at.1);
+            let mut offered = false;
+            field.for_window(at, slope, rules.radius, |there, turns| {
+                let known = decided[there] != UNDECIDED;
+                offered |= known && field.in_range(i, decided[there] - turns) == order;
+            });
+            if offered {
+                orders[i - start] = order;
             }
-            continued(field, decided, i, rules).unwrap_or(UNDECIDED)
-        })
-        .collect()
-}
-
-/// The order of an undecided pixel: one that its next neighbours vote for, that its own phases allow,
-/// and that a decided pixel of its window continues.
-fn continued(field: &Field, decided: &[i32], i: usize, rules: &Rules) -> Option<i32> {
-    let (y, x) = (i / field.width(), i % field.width());
-    if field.is_borrowed(y, x) {
-        return None;
-    }
-    let near = field.mean(y, x, rules.near_radius())?;
-    let vote = field.vote_at(&near, i);
-    if vote.others > rules.near_error_rate || !field.is_even(&near) {
-        return None;
-    }
-    let mut offered = false;
-    field.for_window(y, x, rules.radius, |there, turns| {
-        let known = decided[there] != UNDECIDED;
-        offered |= known && field.in_range(i, decided[there] - turns) == vote.order;
+        }
     });
-    (offered && field.allows(i, vote.order, rules.own_doubt)).then_some(vote.order)
+    orders
 }

@@ -1,6 +1,6 @@
 //! Phase, modulation and background of one set of steps, by least squares at every pixel.
 
-mod angle;
+pub mod angle;
 mod frames;
 mod harmonics;
 mod saturation;

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 import fringeworks as fw
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, equal_steps
@@ -98,3 +99,22 @@ def test_bits_of_two_surfaces_do_not_count_by_odds():
     off = np.minimum(np.abs(found.coordinate_px - columns), np.abs(found.coordinate_px - others))
     # A twentieth of the mixed pixels would be wrong if their signs counted.
     assert np.mean((off > 16.0) & ok & (share > 0)) < 4e-3
+
+
+@pytest.mark.parametrize(("gamma", "light"), [(1.0, 0.4), (1.0, 0.5), (2.2, 0.2), (2.2, 0.3)])
+def test_bits_that_other_surfaces_light_lie_in_their_own_cell(gamma, light):
+    """Cells of a period. Other light makes dark bits weak far from their borders, all the more in
+    counts that are not linear: no pixel is taken to lie a period further because of it."""
+    cells, steps = GrayCode("x", 80.0, 800), PhaseSteps("x", 80.0, equal_steps(8))
+    plan = PatternPlan(800, 40, (steps, cells, Uniform("white"), Uniform("black")))
+    rng, x = np.random.default_rng(7), np.linspace(20.0, 780.0, 500)
+    frames = []
+    for picture in fw.encode(plan):
+        row = np.interp(x, np.arange(800.0), ndimage.gaussian_filter1d(picture[0] / 255.0, 3.0))
+        other = np.where(np.arange(60)[:, None] < 45, 0.0, light)
+        lit = 0.02 + 0.9 * ((1.0 - other) * row + other * picture.mean() / 255.0)
+        counts = 250.0 * lit ** (1.0 / gamma)
+        frames.append(np.clip(np.rint(counts + rng.normal(0.0, 1.0, counts.shape)), 0, 255))
+    found = fw.decode([frame.astype(np.uint8) for frame in frames], plan).x.coordinate_px - x
+    assert np.mean(np.abs(found[np.isfinite(found)]) > 20.0) == 0.0
+    assert np.mean(np.isfinite(found)) > 0.8

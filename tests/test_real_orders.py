@@ -10,13 +10,15 @@ import pytest
 from PIL import Image
 
 from fringeworks import FramesContradictPlan, PatternPlan, decode
-from fringeworks.patterns import GrayCode, PhaseSteps, Uniform
+from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
 
 pytestmark = pytest.mark.statistical
 
 BACK = tuple(np.radians((120.0, 0.0, -120.0)))
 LIGHT = (Uniform("white"), Uniform("black"))
-SLSTUDIO = [PhaseSteps(a, n / k, 3) for a, n in (("x", 1824.0), ("y", 1140.0)) for k in (16, 1)]
+SLSTUDIO = [
+    PhaseSteps(a, n / k, equal_steps(3)) for a, n in (("x", 1824.0), ("y", 1140.0)) for k in (16, 1)
+]
 
 
 def half(path):
@@ -35,7 +37,7 @@ def of_kamino(folder, numbers, *blocks):
 @pytest.fixture(scope="module")
 def captures(real_data):
     board, objects = real_data / "flat_board_gamma", real_data / "object_gray_phase"
-    code, cells = GrayCode("x", 2), GrayCode("x", 100)
+    code, cells = GrayCode("x", 2, 1920), GrayCode("x", 100, 1920)
     fine = [*range(12, 31, 2), 52, 53]
     pose = real_data / "board_procam" / "pose0"
     numbers = [*range(0, 40, 2), 40, 41]
@@ -49,7 +51,7 @@ def captures(real_data):
         ),
         "chessboard": (
             [half(pose / f"graycode_{k:02d}.png") for k in numbers],
-            PatternPlan(1024, 768, (GrayCode("x", 1), GrayCode("y", 1), *LIGHT)),
+            PatternPlan(1024, 768, (GrayCode("x", 1, 1024), GrayCode("y", 1, 768), *LIGHT)),
         ),
         "steps": ([half(path) for path in sets], PatternPlan(1824, 1140, tuple(SLSTUDIO))),
     }

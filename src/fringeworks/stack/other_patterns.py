@@ -250,29 +250,33 @@ def _of_cells(plan: PatternPlan) -> Iterator[Hypothesis]:
 def _of_projector(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
     """Columns and rows that are exchanged: of the projector, or of the patterns."""
     across = any(found.across for found in evidence.values())
-    flip: dict[Axis, Axis] = {"x": "y", "y": "x"}
-    blocks = []
-    for _, b in plan.placed:
-        if isinstance(b, GrayCode):
-            length = plan.length_px(flip[b.axis])
-            b = replace(b, length_px=length, axis=flip[b.axis] if across else b.axis)
-        elif isinstance(b, PhaseSteps) and across:
-            b = replace(b, axis=flip[b.axis])
-        blocks.append(b)
     width, height = plan.width_px, plan.height_px
     try:
+        blocks = tuple(_exchanged(plan, block, across=across) for block in plan.blocks)
         if across:
             words = "the patterns along x and y are exchanged in the plan"
-            yield filled(replace(plan, blocks=tuple(blocks)), plan.frames, "axis", words)
+            yield filled(replace(plan, blocks=blocks), plan.frames, "axis", words)
         elif width != height:
             words = (
                 f"width and height of the projector are exchanged in the plan ({height} columns "
                 f"and {width} rows fit)"
             )
-            other = replace(plan, blocks=tuple(blocks), width_px=height, height_px=width)
+            other = replace(plan, blocks=blocks, width_px=height, height_px=width)
             yield filled(other, plan.frames, "size", words)
     except InputError:
         return
+
+
+def _exchanged(plan: PatternPlan, block: Block, *, across: bool) -> Block:
+    """A block of a projector whose columns and rows are exchanged, or, ``across``, of patterns
+    along the other axis."""
+    flip: dict[Axis, Axis] = {"x": "y", "y": "x"}
+    if isinstance(block, GrayCode):
+        length = plan.length_px(flip[block.axis])
+        return replace(block, length_px=length, axis=flip[block.axis] if across else block.axis)
+    if isinstance(block, PhaseSteps) and across:
+        return replace(block, axis=flip[block.axis])
+    return block
 
 
 def other_exposures(plan: PatternPlan, evidence: Evidence) -> Iterator[Finding]:

@@ -239,7 +239,7 @@ fn place_words<'a, T: Sample>(
         let off = |place: u32| distance(code, &line, threshold, place, i);
         let word = word_of(gray[i], doubt[i], own);
         if out.half_width[i] < 0.5 * code.step && out.coordinate[i].is_finite() {
-            towards_own_cell(code, &word, off(doubt[i].trailing_zeros()), i, out);
+            over_own_cell(code, &word, off(doubt[i].trailing_zeros()), i, out);
         }
         // A weak bit in doubt may be far from its border.
         let weak = out.half_width[i] >= code.step;
@@ -251,20 +251,18 @@ fn place_words<'a, T: Sample>(
     }
 }
 
-/// Move the range of a pixel on the border of two cells into the cell that its bit shows.
+/// Extend the range of a pixel on the border of two cells over the cell that its bit shows.
 ///
-/// `off` is the distance of the bit from its threshold. At the threshold, the pixel lies as far on
-/// one side of the border as on the other. At the limit of doubt, it lies in its cell: other light,
-/// too, leaves a bit as weak as that, far from its border.
+/// `off` is the distance of the bit from its threshold: the closer, the farther the pixel may lie
+/// beyond the border. But light of other surfaces makes bits as weak far from their border, anywhere
+/// in the cell.
 #[inline(always)]
-fn towards_own_cell(code: &GrayCode, word: &Word, off: f32, i: usize, out: &mut GrayCells) {
+fn over_own_cell(code: &GrayCode, word: &Word, off: f32, i: usize, out: &mut GrayCells) {
     let limit = out.doubt_below[i].max(f32::MIN_POSITIVE).sqrt();
-    let share = (off.abs() / limit).min(1.0);
-    let beyond = (1.0 - share) * out.half_width[i];
-    let within = (1.0 - share) * out.half_width[i] + share * code.step;
+    let beyond = (1.0 - off.abs() / limit).max(0.0) * out.half_width[i];
     let side = if word.cell > word.other { 1.0 } else { -1.0 };
-    out.coordinate[i] += side * 0.5 * (within - beyond);
-    out.half_width[i] = 0.5 * (within + beyond);
+    out.coordinate[i] += side * 0.5 * (code.step - beyond);
+    out.half_width[i] = 0.5 * (code.step + beyond);
 }
 
 /// The word of some bits, which of them are in doubt, and whether the light is the projector's.

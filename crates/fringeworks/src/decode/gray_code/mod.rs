@@ -149,7 +149,8 @@ impl GrayCode {
 /// Gray code of the pixels of a block.
 pub struct GrayCells {
     /// Coordinate that the phases start from, projector px: the middle of the cell or, where a bit
-    /// is in doubt, the border that this bit marks; NaN where the bits do not tell. Without phases
+    /// is in doubt, of the range around the border that this bit marks; NaN where the bits do not
+    /// tell. Without phases
     /// always the middle of a cell. Infinite where a sample is not finite.
     pub coordinate: Line,
     /// Largest distance of the true coordinate from it, projector px.

@@ -396,6 +396,30 @@ mod tests {
     }
 
     #[test]
+    fn a_bit_in_doubt_leaves_its_own_cell_and_a_part_of_the_next() {
+        let code = code(7);
+        for border in 1..1u32 << 7 {
+            let (below, above) = (border - 1, border);
+            let doubt = (below ^ (below >> 1)) ^ (above ^ (above >> 1));
+            for (own, side) in [(below, -1.0), (above, 1.0)] {
+                let word = word_of(own ^ (own >> 1), doubt, true);
+                for share in [0.0f32, 0.4, 1.0] {
+                    let mut out = GrayCells::new();
+                    out.doubt_below[0] = 9.0;
+                    out.half_width[0] = 0.25;
+                    place(&code, &word, true, 0, &mut out);
+                    over_own_cell(&code, &word, 3.0 * share, 0, &mut out);
+                    let (middle, half) = (out.coordinate[0], out.half_width[0]);
+                    let inner = middle + side * half - border as f32;
+                    let beyond = border as f32 - (middle - side * half);
+                    assert!((inner - side).abs() < 1e-5, "{border} {share}");
+                    assert!((side * beyond - 0.25 * (1.0 - share)).abs() < 1e-5);
+                }
+            }
+        }
+    }
+
+    #[test]
     fn gray_and_back() {
         for k in 0..5000u32 {
             assert_eq!(binary(k ^ (k >> 1)), k);

@@ -137,8 +137,12 @@ def test_an_exposure_that_misleads_is_named(seed):
     """19 % of the pixels were wrong by a period, without a finding."""
     plan = plan_of(*GRAY["full"])
     bit = plan.labels().index("x-gray-3")
-    said = refusal(photographed(plan, seed, exposure=(bit, 0.65)), plan)
+    dark = fw.decode(photographed(plan, seed, exposure=(bit, 0.65)), plan)
+    (said,) = (one.text for one in dark.findings if one.kind == "exposure")
     assert "frame x-gray-3 has another exposure than the others along x (0.6" in said
+    right = fw.decode(photographed(plan, seed), plan).x.coordinate_px
+    off = np.abs(dark.x.coordinate_px - right)
+    assert np.mean(off[np.isfinite(off)] > 5.0) < 1e-3
     fine = fw.decode(photographed(plan, seed, exposure=(bit, 0.95)), plan)
     assert not [one for one in fine.findings if one.kind == "exposure"]
 

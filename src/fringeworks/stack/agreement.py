@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import TURN
-from fringeworks.stack.bit_states import change_of, cost_of_states, folded
+from fringeworks.stack.bit_states import change_of, cost_of_states, folded, rough_bit
 from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.fits import SampleFit, fit_matrices, fit_samples, times
 from fringeworks.stack.hypothesis import Hypothesis
@@ -89,16 +89,6 @@ make 0.013, and the fault that is hardest to see 0.03."""
 ROUGH = 0.25
 """Mean cost, or share of coordinates that their cell refuses, from which on other orders are tried:
 0.05 to 0.3 in order, 0.2 and more otherwise."""
-
-ROUGH_BIT = 0.6
-"""Mean bend where a bit changes from which on other orders are tried: up to 0.5 in order, 0.9 and
-more where the bit is in a wrong place."""
-
-STEEP = 2.0
-"""Slope up to which the coordinate may change over a gap, over the mean slope of the lines."""
-
-MIN_CHANGES = 6
-"""Smallest number of changes of a bit for a statement about it."""
 
 FEW = 0.05
 """Share of the triples below which coordinates are too few to show that the plan is right."""
@@ -190,10 +180,20 @@ class LineEvidence:
     def triples(self) -> BoolMap:
         """(r, l − 2) array: pixels that vote, like both of their neighbours; all that are lit where
         most are saturated and fit the plan: indirect light may show others another pattern."""
-        votes, spread = _three(self.voters), self.high - self.low
-        lit = _three(spread > LIT * quantile(spread.ravel(), 0.95))
+        votes, lit = _three(self.voters), self._lit
         few = 2 * np.count_nonzero(votes & lit) < np.count_nonzero(lit)
         return lit if few and not self._rough(lit) else votes
+
+    @property
+    def _lit(self) -> BoolMap:
+        """(r, l − 2) array: pixels that the projector lights, like both of their neighbours."""
+        spread = self.high - self.low
+        return _three(spread > LIT * quantile(spread.ravel(), 0.95))
+
+    @property
+    def disagreement(self) -> float:
+        """Mean cost of the frames as planned at all lit pixels."""
+        return float(np.mean(self._cost(self.decoding, [self._planned])[0][self._lit]))
 
     def uniform(self, frame: int) -> bool:
         """Whether a frame is as dark, or as bright, as any all over the lines."""
@@ -263,7 +263,14 @@ class LineEvidence:
         if "apart" in maps and float(np.mean(maps["apart"][votes])) > LEAST_APART:
             return True
         rough = [float(np.mean(part[votes])) for part in (cost, maps.get("astray", cost))]
-        return max(rough) > ROUGH or self._rough_bit(maps["coordinate"], bend, known)
+        if max(rough) > ROUGH:
+            return True
+        sets, gray = self.decoding.sets, self.decoding.gray
+        if gray is None or gray.levels > 2:
+            return False
+        periods = [JUMP_SHARE * phases.period_px for phases in sets]
+        jump_px = min(periods, default=JUMP_CELLS * gray.step_px)
+        return rough_bit(gray, maps["coordinate"], (bend, known), self.voters, jump_px)
 
     @property
     def jumps(self) -> bool:
@@ -331,49 +338,6 @@ class LineEvidence:
     def _known(self, maps: dict[str, Any]) -> BoolMap:
         """Triples of voters with a coordinate, (r, l − 2)."""
         return self.triples & _three(np.isfinite(maps["coordinate"]))
-
-    def _rough_bit(self, x: FloatMap, bend: FloatMap, known: BoolMap) -> bool:
-        """Whether the coordinate jumps where a bit of the Gray code changes.
-
-        Where the changing bit is blurred, pixels have no coordinate: those on either side of such a
-        gap are compared as well.
-        """
-        gray = self.decoding.gray
-        if gray is None or gray.levels > 2:
-            return False
-        place = (np.nan_to_num(x) + 0.5 - gray.offset_px) / gray.step_px
-        cells = np.maximum(place, 0.0).astype(np.int32)
-        words = (cells ^ (cells >> 1)).ravel()
-        before, after, jump = self._gaps(x)
-        gaps = words[before] ^ words[after]
-        one = gaps & (gaps - 1) == 0  # several change at the edges of bodies
-        near = words.reshape(x.shape)[:, 2:] ^ words.reshape(x.shape)[:, :-2]
-        changes = np.concatenate((near[known], gaps[one]))
-        bends = np.concatenate((bend[known], jump[one]))
-        for bit in range(len(gray.bits)):
-            at = bends[(changes >> bit) & 1 != 0]
-            if at.size >= MIN_CHANGES and float(np.mean(at)) > ROUGH_BIT:
-                return True
-        return False
-
-    def _gaps(self, x: FloatMap) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatMap]:
-        """The pixels before and after every gap of lit pixels without a coordinate, and whether it
-        jumps there by more than a slope as steep as any would make: 1, or 0."""
-        known = np.isfinite(x) & self.voters
-        seen = np.flatnonzero(known)
-        before, after = seen[:-1], seen[1:]
-        dark = np.cumsum(~self.voters.ravel())
-        gap = (after - before > 1) & (after // x.shape[1] == before // x.shape[1])
-        gap &= dark[after] == dark[before]
-        before, after = before[gap], after[gap]
-        flat = x.ravel()
-        sets, gray = self.decoding.sets, self.decoding.gray
-        jump = JUMP_SHARE * min(s.period_px for s in sets) if sets else 0.0
-        jump = jump if gray is None or sets else JUMP_CELLS * gray.step_px
-        steps = np.fmin(np.abs(np.diff(x, axis=1)), jump)[known[:, 1:] & known[:, :-1]]
-        steepest = STEEP * float(np.mean(steps)) if steps.size else 0.0
-        moved = np.abs(flat[after] - flat[before]) - steepest * (after - before)
-        return before, after, (moved > jump).astype(float)
 
     def cost(self, order: Hypothesis, decoding: Decoding | None = None) -> FloatMap | None:
         """Cost of an order at every triple of voters, (n,); None where it cannot be decoded.

@@ -11,9 +11,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.hypothesis import Hypothesis
 from fringeworks.stack.kernel_settings import Decoding
-from fringeworks.types import FloatMap
+from fringeworks.types import BoolMap, FloatMap
 
 STATES = 2
 """Dark and bright."""
@@ -26,6 +27,16 @@ pixel without a coordinate."""
 FOLD_PX = 16
 """Distance along lines over which the direction of the coordinate is seen, camera px: over several
 cells, but less than between most edges."""
+
+ROUGH_BIT = 0.6
+"""Mean bend where a bit changes from which on other orders are tried: up to 0.5 in order, 0.9 and
+more where the bit is in a wrong place."""
+
+MIN_CHANGES = 6
+"""Smallest number of changes of a bit for a statement about it."""
+
+STEEP = 2.0
+"""Slope up to which the coordinate may change over a gap, over the mean slope of the lines."""
 
 FOLDED = 0.2
 """Share of the view whose coordinate runs against the rest from which on other orders are tried.
@@ -101,3 +112,81 @@ def _along_path(triples: FloatMap, score: FloatMap, before: NDArray[np.int8]) ->
         out[:, k] = triples[left, middle, right, lines, k]
         middle, right = left, middle
     return out
+
+
+def rough_bit(
+    gray: GrayFrames,
+    x: FloatMap,
+    triples: tuple[FloatMap, BoolMap],
+    lit: BoolMap,
+    jump_px: float,
+) -> bool:
+    """Whether the coordinate jumps where a bit of the Gray code changes.
+
+    Where the changing bit is blurred, pixels have no coordinate: those on either side of such a gap
+    are compared as well.
+
+    Parameters
+    ----------
+    gray : GrayFrames
+        Of two levels.
+    x : (r, l) array
+        Coordinates along lines, projector px; NaN where they are not known.
+    triples : (r, l − 2) arrays
+        Cost of the bend of every pixel with its neighbours, and where it counts.
+    lit : (r, l) bool array
+    jump_px : float
+        Smallest jump over a gap, besides what a slope makes.
+
+    Returns
+    -------
+    bool
+    """
+    bend, known = triples
+    place = (np.nan_to_num(x) + 0.5 - gray.offset_px) / gray.step_px
+    cells = np.maximum(place, 0.0).astype(np.int32)
+    words = (cells ^ (cells >> 1)).ravel()
+    before, after, jump = jumps_over_gaps(x, lit, jump_px)
+    gaps = words[before] ^ words[after]
+    one = gaps & (gaps - 1) == 0  # several change at the edges of bodies
+    near = words.reshape(x.shape)[:, 2:] ^ words.reshape(x.shape)[:, :-2]
+    changes = np.concatenate((near[known], gaps[one]))
+    bends = np.concatenate((bend[known], jump[one]))
+    for bit in range(len(gray.bits)):
+        at = bends[(changes >> bit) & 1 != 0]
+        if at.size >= MIN_CHANGES and float(np.mean(at)) > ROUGH_BIT:
+            return True
+    return False
+
+
+def jumps_over_gaps(
+    x: FloatMap, lit: BoolMap, jump_px: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatMap]:
+    """Where the coordinate jumps over lit pixels that have none, as those of a blurred border.
+
+    Parameters
+    ----------
+    x : (r, l) array
+        Coordinates along lines, projector px; NaN where they are not known.
+    lit : (r, l) bool array
+    jump_px : float
+        Smallest jump, besides what a slope as steep as any makes.
+
+    Returns
+    -------
+    before, after : (n,) arrays
+        Flat indices of the pixels on either side of every gap.
+    jump : (n,) array
+        1 where the coordinate jumps, else 0.
+    """
+    known = np.isfinite(x) & lit
+    seen = np.flatnonzero(known)
+    before, after = seen[:-1], seen[1:]
+    dark = np.cumsum(~lit.ravel())
+    gap = (after - before > 1) & (after // x.shape[1] == before // x.shape[1])
+    gap &= dark[after] == dark[before]
+    before, after, flat = before[gap], after[gap], x.ravel()
+    steps = np.fmin(np.abs(np.diff(x, axis=1)), jump_px)[known[:, 1:] & known[:, :-1]]
+    steepest = STEEP * float(np.mean(steps)) if steps.size else 0.0
+    moved = np.abs(flat[after] - flat[before]) - steepest * (after - before)
+    return before, after, (moved > jump_px).astype(float)

@@ -40,6 +40,11 @@ assumed noise is below the rounding. The value keeps a factor of five and is far
 any camera.
 """
 
+HARDLY_CUT = 0.1
+"""Share of the lit pixels by which a Gray code agrees worse, if white is taken to be cut off, from
+which on it is not. Of real captures, twice as bright, those of which a fifth is cut off lose 0.3;
+those of which four fifths are agree better by 0.2 to 0.6."""
+
 MIN_NOISE = 1e-30
 """Smallest standard deviation of a count, so that weights stay finite even for black frames."""
 
@@ -137,7 +142,7 @@ def examine(
     start = noise or spatial_noise(sample.patch, below=level)
     floor = _noise_floor(sample.points, count_step)
     rough = _with_floor(start, floor)
-    unknown, limits = limits, known_limits(decodings, sample, limits, rough, level)
+    unknown, limits = limits, _limits(decodings, sample, limits, rough, level)
     known = Known(rough, limits, estimate_steps)
     told = unknown.given or limits.saturation == unknown.saturation
     findings += words.saturated(sample.points, limits, rough, plan.labels(), told)
@@ -151,7 +156,7 @@ def examine(
                 noise = neighbour_noise(sample.patch, limits, start)
             findings.append(words.noise(noise, source, floor))
         noise = _with_floor(noise, floor)
-        limits = known_limits(decodings, sample, unknown, noise, level)
+        limits = _limits(decodings, sample, unknown, noise, level)
         known = Known(noise, limits, estimate_steps)
         found = {a: _refined(d, planned[a], sample, known) for a, d in decodings.items()}
         beside: list[Finding] = []
@@ -170,6 +175,41 @@ def examine(
         for axis_found in found.values():
             findings += axis_found.findings
     return Judgement(noise, limits, found, tuple(findings))
+
+
+def _limits(
+    decodings: dict[Axis, Decoding],
+    sample: Sample,
+    unknown: Limits,
+    noise: CameraNoise,
+    level: float | None,
+) -> Limits:
+    """The limits with the saturation that the samples show.
+
+    Of Gray codes alone, it is left out where it costs more pixels than it is worth: those whose
+    light is hardly cut off show the same bits as ever.
+    """
+    limits = known_limits(decodings, sample, unknown, noise, level)
+    alone = not any(decoding.sets for decoding in decodings.values())
+    if unknown.given or not alone or not np.isfinite(limits.saturation):
+        return limits
+
+    def disagreement(tried: Limits) -> float:
+        clear = sample.below(tried.saturation)
+        costs = [
+            LineEvidence(
+                _resolved(decoding, clear, noise),
+                sample.lines[axis],
+                noise,
+                tried,
+                axis in sample.down,
+            ).disagreement
+            for axis, decoding in decodings.items()
+        ]
+        return max(costs)
+
+    plain = replace(limits, saturation=float("inf"))
+    return plain if disagreement(plain) < disagreement(limits) - HARDLY_CUT else limits
 
 
 def _ordered(

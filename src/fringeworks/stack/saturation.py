@@ -14,6 +14,10 @@ from fringeworks.stack.sample import Sample
 from fringeworks.statistics.quantiles import median
 from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap
 
+NO_LEVEL = 0.02
+"""Distance from darkness and from the limit, as a share of the limit, from which on a sample shows
+neither level of a picture: blur and the paint of a scene make such samples."""
+
 RARE = 0.01
 """Share of samples at the sensor's limit that may exceed it in a stack without saturation.
 
@@ -189,6 +193,8 @@ def _excesses(decoding: Decoding, sample: Sample, saturation: float) -> FloatMap
     None where no sample reaches it; a single infinite value where too many samples of a set do for
     a mere touch.
     """
+    if not decoding.sets:
+        return _excess_of_code(decoding, sample, saturation)
     fits = [sample.fits.of(phases) for phases in decoding.sets]
     touching = np.zeros(sample.points[0].size, bool)
     for fit in fits:
@@ -213,6 +219,17 @@ def _excesses(decoding: Decoding, sample: Sample, saturation: float) -> FloatMap
         else:
             excesses += _excess_of_more(data, at, phases.rows, saturation)
     return np.concatenate(excesses) if excesses else np.empty(0)
+
+
+def _excess_of_code(decoding: Decoding, sample: Sample, saturation: float) -> FloatMap | None:
+    """The same of a Gray code alone, which predicts nothing: pictures that no camera has seen touch
+    the largest count, and show two levels of brightness only."""
+    values = np.concatenate([sample.points[k] for k in decoding.frames])
+    largest = values.dtype.kind == "u" and saturation >= np.iinfo(values.dtype).max
+    if not largest or not (values >= saturation).any():
+        return None
+    grey = np.abs(values - 0.5 * saturation) < (0.5 - NO_LEVEL) * saturation
+    return np.array([np.inf if np.mean(grey.any(axis=0)) > RARE else 0.0])
 
 
 def _bent_above(

@@ -38,6 +38,7 @@ FIRST = {
     "light": "plan contrast out figure json",
     "measure": "rig depth out ply figure",
     "plan": "frames projector-size setup rig out",
+    "projector": "rig out distortion plan noise",
     "reconstruct": "reference object method out figure",
     "response": "plan set camera-name projector-name out",
     "scan": "setup rig capture out hdr",

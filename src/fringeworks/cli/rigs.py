@@ -193,11 +193,14 @@ def projector(
     captures: Annotated[
         list[Path], typer.Argument(help="Per camera: a stack, or a folder with one for each scene.")
     ],
-    rig_file: Annotated[Path, typer.Option("--rig", help="Rig file of cameras alone.")],
+    rig_file: Annotated[
+        Path, typer.Option("--rig", help="Rig file of `calibrate`; of cameras alone.")
+    ],
     out: Annotated[Path, typer.Option("--out", help="Rig file with the projector.")],
     how: DecodingOptions,
     distortion: Annotated[
-        int, typer.Option(help="Number of coefficients of the projector's lens: 0, 2, 4 or 5.")
+        int,
+        typer.Option(help="Distortion coefficients per lens: 0, 2, 4 or 5; of the projector's."),
     ] = 5,
 ) -> None:
     """Calibrate a projector by scenes that calibrated cameras measured, without a board."""
@@ -211,11 +214,14 @@ def projector(
         )
     with output.target(out, ".toml") as place:
         fw.files.write_multi_rig(place, found)
+    from fringeworks.types.numbers import number
+
     assert found.projector is not None
     focal, rms = found.projector.focal_px, (found.residual_px or (float("nan"),))[-1]
-    words.say(f"projector: focal lengths {focal[0]:.1f} and {focal[1]:.1f} px")
+    along, across = (number(float(one), digits=6) for one in focal)
+    words.say(f"projector: focal lengths {along} and {across} px")
     if found.residual_px is not None:
-        words.say(f"residual of its coordinates: {rms:.3f} px rms")
+        words.say(f"residual of its coordinates: {number(rms, unit='px')} rms")
     words.wrote(out)
 
 

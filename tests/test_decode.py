@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError, PatternPlan, Reason, decode, encode
-from fringeworks.patterns import GrayCode, PhaseSteps, equal_steps
+from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
 from fringeworks.signal import CameraNoise
 from fringeworks.signal.noise import noise_of_residuals
 from fringeworks.signal.response import Response
@@ -456,3 +456,14 @@ def test_a_response_is_corrected():
     with pytest.raises(InputError, match="made for 3 steps, the plan has 4"):
         four = multi((1, 8), 4, (960, 60))
         decode(take(four), four, response=response)
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_a_single_line_of_pixels_decodes(axis):
+    code, light = GrayCode(axis, 25.0, 300), (Uniform("white"), Uniform("black"))
+    plan = PatternPlan(300, 300, (PhaseSteps(axis, 50.0, equal_steps(4)), code, *light))
+    rows, columns = (1, 300) if axis == "x" else (300, 1)
+    frames = [20 + picture[:rows, :columns] // 2 for picture in encode(plan)]
+    found = getattr(decode(frames, plan), axis).coordinate_px
+    assert np.nanmax(np.abs(found.ravel() - np.arange(300.0))) < 1.0
+    assert np.mean(np.isfinite(found)) > 0.95

@@ -67,8 +67,8 @@ UNEXPLAINED = 1.0
 without a coordinate."""
 
 DARK = 0.2
-"""Largest share of the range of a pixel that a dark frame shows, by which the frames of a blurred
-set differ, and that coordinates change along lines if they change across them."""
+"""Largest share of the range of a pixel that a dark frame shows, and by which the frames of a
+blurred set differ."""
 
 CONTRAST = 0.3
 """Smallest contrast of a frame with a pattern, as a share of the range."""

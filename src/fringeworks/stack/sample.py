@@ -122,8 +122,11 @@ def _runs_down(planes: Planes, plan: PatternPlan, axis: Axis) -> bool:
     seen = np.stack([np.nan_to_num(planes[k][::step, ::step].astype(np.float32)) for k in frames])
     seen = np.clip(seen, -LARGEST_COUNT, LARGEST_COUNT)  # their sums are finite
     seen -= seen.mean(axis=0)  # what all frames show alike is paint
-    down, along = (float(np.mean(np.abs(np.diff(seen, axis=k)))) for k in (1, 2))
-    return down > along if down != along else axis == "y"
+    down, along = (np.abs(np.diff(seen, axis=k)) for k in (1, 2))
+    if not down.size or not along.size:
+        return axis == "y"  # a line of pixels
+    change = float(np.mean(down)), float(np.mean(along))
+    return change[0] > change[1] if change[0] != change[1] else axis == "y"
 
 
 def _lines(frame: NDArray[Any], down: bool) -> NDArray[Any]:

@@ -182,13 +182,19 @@ def test_a_mosaic_is_interpolated_linearly(pattern, shape):
     assert np.array_equal(image.channel(2), whole[..., 2])
 
 
-def test_a_raw_file_with_a_mosaic_has_colour(tmp_path, monkeypatch):
+def mosaic_package():
+    """``raw_package`` of a camera with filters, from 500 counts in the dark to 15000."""
     package = raw_package([])
     package.imread.raw_pattern = np.array(PATTERNS[0])
     package.imread.num_colors = 3
     package.imread.color_desc = b"RGBG"
     package.imread.black_level_per_channel = [500] * 4
     package.imread.white_level = 15000
+    return package
+
+
+def test_a_raw_file_with_a_mosaic_has_colour(tmp_path, monkeypatch):
+    package = mosaic_package()
     package.imread.raw_image_visible = property(lambda self: self.counts)
     sizes = SimpleNamespace(width=24, height=20, iwidth=24, iheight=20, pixel_aspect=1.0)
     package.imread.sizes = sizes
@@ -217,12 +223,7 @@ def test_raw_files_need_less_than_a_colour_frame_beside_what_they_give(
 ):
     """One frame: red, green and blue as float32, 12 bytes per pixel."""
     height, width = 2000, 3000
-    package = raw_package([])
-    package.imread.raw_pattern = np.array(PATTERNS[0])
-    package.imread.num_colors = 3
-    package.imread.color_desc = b"RGBG"
-    package.imread.black_level_per_channel = [500] * 4
-    package.imread.white_level = 15000
+    package = mosaic_package()
     package.imread.raw_image_visible = property(lambda self: self.counts.reshape(height, width))
     package.imread.sizes = SimpleNamespace(
         width=width, height=height, iwidth=width, iheight=height, pixel_aspect=1.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -35,15 +36,15 @@ PTP_PAUSE_S = 0.1
 seconds."""
 
 
-class Coloured:
+class Coloured(ABC):
     """What a camera's pixel format says of its colours."""
 
     _channel: Channel | Literal["raw"]
     _colours: bool
 
+    @abstractmethod
     def _pixel_format(self) -> str:
         """The name of the format in which it delivers frames."""
-        raise NotImplementedError
 
     @property
     def mosaic(self) -> str | None:

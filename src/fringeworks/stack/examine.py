@@ -196,17 +196,9 @@ def _limits(
 
     def disagreement(tried: Limits) -> float:
         clear = sample.below(tried.saturation)
-        costs = [
-            LineEvidence(
-                _resolved(decoding, clear, noise),
-                sample.lines[axis],
-                noise,
-                tried,
-                axis in sample.down,
-            ).disagreement
-            for axis, decoding in decodings.items()
-        ]
-        return max(costs)
+        resolved = {axis: _resolved(d, clear, noise) for axis, d in decodings.items()}
+        evidence = _evidence(resolved, sample, noise, tried)
+        return max(found.disagreement for found in evidence.values())
 
     plain = replace(limits, saturation=float("inf"))
     return plain if disagreement(plain) < disagreement(limits) - HARDLY_CUT else limits
@@ -385,6 +377,16 @@ def _degrees(phases: PhaseFrames) -> list[float]:
     return [float(d) for d in np.degrees(real).round(3)]
 
 
+def _evidence(
+    decodings: dict[Axis, Decoding], sample: Sample, noise: CameraNoise, limits: Limits
+) -> dict[Axis, LineEvidence]:
+    """What the lines of every axis show."""
+    return {
+        axis: LineEvidence(decoding, sample.lines[axis], noise, limits, axis in sample.down)
+        for axis, decoding in decodings.items()
+    }
+
+
 def _check_order(
     plan: PatternPlan, sample: Sample, decodings: dict[Axis, Decoding], known: Known, moves: bool
 ) -> list[Finding]:
@@ -393,16 +395,7 @@ def _check_order(
     A response that is not linear may bend the phases so far that orders contradict each other, too:
     where no fault explains that, the frames are judged without it.
     """
-
-    def evidence(tried: dict[Axis, Decoding]) -> dict[Axis, LineEvidence]:
-        return {
-            axis: LineEvidence(
-                decoding, sample.lines[axis], known.noise, known.limits, axis in sample.down
-            )
-            for axis, decoding in tried.items()
-        }
-
-    planned = evidence(decodings)
+    planned = _evidence(decodings, sample, known.noise, known.limits)
     suspicious = refuse_order_faults(plan, planned, moves=moves)
     findings = [
         words.flat(phases, axis)
@@ -417,7 +410,7 @@ def _check_order(
         decodings = {
             axis: _straight(decoding, sample, known) for axis, decoding in decodings.items()
         }
-    refuse_unrelated(evidence(decodings))
+    refuse_unrelated(_evidence(decodings, sample, known.noise, known.limits))
     return findings
 
 

@@ -550,7 +550,7 @@ def _refuse_equal(plan: PatternPlan, evidence: Evidence) -> None:
     labels, equal = plan.labels(), []
     for k, j in combinations(range(plan.frames), 2):
         copied = k + 1 < j < k + plan.frames - 1 and all(
-            f.shows_pattern(k) and np.array_equal(f.lines[k], f.lines[j]) for f in evidence.values()
+            np.array_equal(f.lines[k], f.lines[j]) and f.shows_pattern(k) for f in evidence.values()
         )
         if copied and REPEATED * _planned_difference(plan, k, j) > SAME:
             equal.append(f"frame {labels[j]} has the counts of frame {labels[k]}")

@@ -80,7 +80,7 @@ def widest_path(
 ) -> NDArray[np.intp]:
     """Indices of the combinations of the chain with the largest smallest margin."""
     spread = np.sqrt((c**2) @ sigma**2)
-    nodes = _undominated(g, spread)
+    nodes = undominated(g, spread)
     c, g = c[nodes], g[nodes]
     margin = np.where(starts[nodes], start_tolerance[nodes] / spread[nodes], 0.0)
     before = np.full(nodes.size, -1)
@@ -103,7 +103,7 @@ def widest_path(
     return nodes[path[::-1]]
 
 
-def _undominated(g: NDArray[np.float64], spread: NDArray[np.float64]) -> NDArray[np.intp]:
+def undominated(g: NDArray[np.float64], spread: NDArray[np.float64]) -> NDArray[np.intp]:
     """Indices of combinations that no longer one beats in accuracy, by rising frequency."""
     kept: list[int] = []
     least = np.inf
@@ -133,18 +133,34 @@ def roundings(
     return amplification, np.array(tolerance)
 
 
-def binding(rows: NDArray[np.float64], tolerance: NDArray[np.float64]) -> NDArray[np.bool_]:
+def binding(
+    rows: NDArray[np.float64], tolerance: NDArray[np.float64]
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Mark the roundings that can fail while all other roundings are right.
 
     One that is left out has an error so much smaller than another's that ``ORDER_SIGMAS`` of that
     error are ``ALTERNATIVE_SIGMAS`` of its own.
+
+    Returns
+    -------
+    kept : (R,) bool array
+    largest : (R,) float array
+        Largest standard deviation of the error of every rounding, turns, up to which those that it
+        stands for are safe by ``ALTERNATIVE_SIGMAS``; infinite where it stands for none.
     """
-    load = np.abs(rows) / tolerance[:, None]
+    size = np.abs(rows)
+    load = size / tolerance[:, None]
     safe = load * (ALTERNATIVE_SIGMAS / ORDER_SIGMAS)
-    kept = np.asarray(np.abs(rows).sum(axis=1) > 0)
-    for k in range(len(rows)):
+    kept, largest = np.asarray(size.sum(axis=1) > 0), np.full(len(rows), np.inf)
+    for k in np.flatnonzero(kept):
         others = kept.copy()
         others[k] = False
-        if kept[k] and np.any(np.all(load[others] >= safe[k], axis=1)):
-            kept[k] = False
-    return kept
+        others = np.flatnonzero(others & np.all(load >= safe[k], axis=1))
+        if others.size and np.isfinite(tolerance[k]):
+            used = size[k] > 0
+            share = (size[k, used] / size[others][:, used]).max(axis=1)
+            stands = others[np.argmin(share)]
+            limit = min(largest[k], tolerance[k] / ALTERNATIVE_SIGMAS) / share.min()
+            largest[stands] = min(largest[stands], limit)
+        kept[k] = not others.size
+    return kept, largest

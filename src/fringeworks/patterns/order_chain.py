@@ -23,6 +23,7 @@ from fringeworks.patterns.chain_search import (
     binding,
     combinations,
     roundings,
+    undominated,
     widest_path,
 )
 from fringeworks.types import Frozen, InputError
@@ -123,6 +124,9 @@ class OrderChain(Frozen):
     For the first combination without a Gray code: the error at which 1 % of the range is lost,
     because noise could wrap the combination there.
     """
+    largest_sigma: NDArray[np.float64]
+    """Largest standard deviation of the error of every rounding, (R,), turns, up to which those are
+    safe that need no test of their own beside it; infinite where there is none."""
     remainder: NDArray[np.intp]
     """Index of the remainder of every rounding, (R,): 0 … K − 1 for the combinations, then the M
     phases."""
@@ -252,6 +256,58 @@ def order_chain(
     >>> [round(1.0 / g) for g in chain.frequencies]
     [960, 120]
     """
+    return _chains(periods_px, range_px, weights, gray_step_px, circular)[0]
+
+
+def coded_chains(
+    periods_px: Sequence[float],
+    range_px: tuple[float, float],
+    *,
+    weights: Sequence[float] | None = None,
+    gray_step_px: float,
+) -> tuple[OrderChain, ...]:
+    """The chain that tolerates the most phase noise, and the best one from every other phase that
+    may start from the Gray code.
+
+    Parameters
+    ----------
+    periods_px, range_px, weights, gray_step_px : as for ``order_chain``
+
+    Returns
+    -------
+    tuple of OrderChain, that of ``order_chain`` first
+
+    Raises
+    ------
+    InputError
+        As ``order_chain``.
+
+    Notes
+    -----
+    A beat that spans several cells bears borders of the code that lie anywhere, but has the noise
+    of all its phases at every pixel. A phase that spans one cell has its own noise only, and asks
+    neighbours beside the borders. Which loses less depends on the noise of the frames.
+
+    Examples
+    --------
+    >>> chains = coded_chains([200 / 3, 100.0], (-0.5, 1919.5), gray_step_px=100.0)
+    >>> [[round(1.0 / g) for g in chain.frequencies] for chain in chains]
+    [[200], [100]]
+    """
+    return _chains(periods_px, range_px, weights, gray_step_px, circular=False, all_starts=True)
+
+
+def _chains(
+    periods_px: Sequence[float],
+    range_px: tuple[float, float],
+    weights: Sequence[float] | None,
+    gray_step_px: float | None,
+    circular: bool,
+    *,
+    all_starts: bool = False,
+) -> tuple[OrderChain, ...]:
+    """The chain with the largest margin; with ``all_starts``, the best one from every other phase
+    that may start as well."""
     low, high = (float(v) for v in range_px)
     length = high - low
     frequency = 1.0 / np.asarray(periods_px, float)
@@ -266,13 +322,45 @@ def order_chain(
     starts, start_tolerance = _starts(g, length, repeats, gray_step_px, circular)
     if not starts.any():
         raise InputError(_too_short(periods_px, g, length, gray_step_px))
-    path = widest_path(c, g, sigma, starts, start_tolerance, frequency)
-    c, g = c[path], g[path]
-    rows, tolerance = roundings(c, g, start_tolerance[path[0]], frequency)
-    used, alternative = binding(rows, tolerance), np.ones(tolerance.size)
+    paths = [widest_path(c, g, sigma, starts, start_tolerance, frequency)]
+    if all_starts:
+        kept = undominated(g, np.sqrt((c**2) @ sigma**2))
+        phases = kept[starts[kept] & (np.abs(c[kept]).sum(axis=1) == 1)]
+        for start in phases[phases != paths[0][0]]:
+            only = np.arange(g.size) == start
+            paths.append(widest_path(c, g, sigma, only, start_tolerance, frequency))
+    return tuple(
+        _chain_of(
+            periods_px,
+            (low, high),
+            c[path],
+            g[path],
+            start_tolerance[path[0]],
+            gray_step_px,
+            circular,
+        )
+        for path in paths
+    )
+
+
+def _chain_of(
+    periods_px: Sequence[float],
+    range_px: tuple[float, float],
+    c: NDArray[np.float64],
+    g: NDArray[np.float64],
+    start_tolerance: float,
+    gray_step_px: float | None,
+    circular: bool,
+) -> OrderChain:
+    """The chain of some combinations, with the roundings that can fail."""
+    low, high = range_px
+    length, repeats = high - low, repeat_distance(periods_px, high - low)
+    rows, tolerance = roundings(c, g, start_tolerance, 1.0 / np.asarray(periods_px, float))
+    (used, largest), alternative = binding(rows, tolerance), np.ones(tolerance.size)
     if gray_step_px is None:
         # The first combination fails by wrapping only, unless all phases repeat with it.
-        used[1:] = binding(rows[1:], tolerance[1:])
+        used[1:], largest[1:] = binding(rows[1:], tolerance[1:])
+        largest[0] = np.inf
         used[0] = abs(repeats * g[0] - 1.0) >= COMMENSURATE
         alternative[0] = 0.5 if circular else 1.0 - 0.5 * min(length * g[0], 1.0)
         if not circular:
@@ -285,6 +373,7 @@ def order_chain(
         combinations=c,
         amplification=rows[used],
         tolerance=tolerance[used],
+        largest_sigma=largest[used],
         remainder=np.flatnonzero(used),
         alternative=alternative[used],
         order_variance=ORDER_VARIANCE if gray_step_px is None else CODED_ORDER_VARIANCE,

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.patterns.order_chain import TURN
+from fringeworks.patterns.order_chain import TURN, coded_chains
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack import words
 from fringeworks.stack.agreement import LineEvidence
+from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.frame_motion import by_motion, moved_rather, pairs_apart
 from fringeworks.stack.gray_frames import refuse_unequal_levels, resolution
-from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
+from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames, lit_pixels
 from fringeworks.stack.noise import measure_noise, neighbour_noise, spatial_noise, usable
 from fringeworks.stack.order_faults import refuse_order_faults, refuse_unrelated, repeats_in_words
 from fringeworks.stack.other_patterns import other_exposures
@@ -29,7 +30,14 @@ from fringeworks.stack.set_residuals import Known
 from fringeworks.stack.shifts import step_errors
 from fringeworks.stack.step_convention import convention
 from fringeworks.statistics.quantiles import quantile
-from fringeworks.types import Axis, CameraNoise, Finding, FramesContradictPlan, InputError
+from fringeworks.types import (
+    Axis,
+    CameraNoise,
+    Finding,
+    FramesContradictPlan,
+    InputError,
+    Reason,
+)
 from fringeworks.types.computed import cached_property
 
 ARITHMETIC_ERROR = 5e-5
@@ -44,6 +52,10 @@ HARDLY_CUT = 0.1
 """Share of the lit pixels by which a Gray code agrees worse, if white is taken to be cut off, from
 which on it is not. Of real captures, twice as bright, those of which a fifth is cut off lose 0.3;
 those of which four fifths are agree better by 0.2 to 0.6."""
+
+NEARLY_ALL = 0.99
+"""Share of the lit pixels with a certain fringe order from which on no other chain of roundings is
+tried: it could hardly measure more, and trying one takes as long as the judgement of an axis."""
 
 MIN_NOISE = 1e-30
 """Smallest standard deviation of a count, so that weights stay finite even for black frames."""
@@ -273,11 +285,41 @@ def _refined(decoding: Decoding, planned: Decoding, sample: Sample, known: Known
 
     Little of a wide fringe does not tell its steps, and what the model lacks looks like some.
     """
-    found = refined(decoding, sample, known)
+    found = _by_best_chain(decoding, sample, known)
     if not known.estimate_steps or np.inf not in found.decoding.order_errors:
         return found
-    plain = refined(planned, sample, replace(known, estimate_steps=False))
+    plain = _by_best_chain(planned, sample, replace(known, estimate_steps=False))
     return found if np.inf in plain.decoding.order_errors else plain
+
+
+def _by_best_chain(decoding: Decoding, sample: Sample, known: Known) -> Refined:
+    """What neighbours and sets show, by the chain of roundings that resolves most of the sample."""
+    found = refined(decoding, sample, known)
+    chain, gray = decoding.chain, decoding.gray
+    if chain is None or gray is None or len(decoding.sets) < 2:
+        return found
+    share = _resolved_share(found.decoding, sample, known)
+    if share > NEARLY_ALL:
+        return found
+    weights = [len(phases.frames) for phases in decoding.sets]
+    bounds = chain.low_px, chain.high_px
+    chains = coded_chains(chain.periods_px, bounds, weights=weights, gray_step_px=gray.step_px)
+    for other in chains:
+        if other.combinations.tolist() == chain.combinations.tolist():
+            continue
+        tried = refined(replace(decoding, chain=other), sample, known)
+        resolved = _resolved_share(tried.decoding, sample, known)
+        if resolved > share:
+            found, share = tried, resolved
+    return found
+
+
+def _resolved_share(decoding: Decoding, sample: Sample, known: Known) -> float:
+    """Share of the lit pixels of the sample whose fringe orders are certain."""
+    planes = [sample.points[k] for k in decoding.frames]
+    maps = decode_sample(decoding, planes, known.noise, known.limits)
+    lit = np.count_nonzero(lit_pixels(maps))
+    return np.count_nonzero(maps["reason"] == Reason.OK) / lit if lit else 1.0
 
 
 def _beside_code(axis: Axis, found: Refined, sample: Sample, findings: list[Finding]) -> Refined:

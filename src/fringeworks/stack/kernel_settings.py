@@ -218,10 +218,12 @@ class Decoding:
     def nearest(self) -> Decoding:
         """The decoding with the nearest orders wherever the noise allows, whatever the remainders:
         errors of all sizes are seen."""
-        if self.chain is None or self.gray is not None:
+        if self.chain is None:
             return self.free
-        alternative = np.where(self.chain.wraps, self.chain.alternative, np.inf)
-        chain = replace(self.chain, alternative=alternative)
+        chain = replace(self.chain, largest_sigma=self.chain.tolerance / ORDER_SIGMAS)
+        if self.gray is not None:
+            return replace(self.free, chain=chain)
+        chain = replace(chain, alternative=np.where(chain.wraps, chain.alternative, np.inf))
         return replace(self.free, chain=chain, order_errors=(), largest_remainders=())
 
     @property
@@ -291,10 +293,12 @@ class Decoding:
         if chain is None:
             return found
         lost = np.array(self.order_errors or 0.0)
+        left = np.maximum(1.0 - lost / chain.tolerance, 0.0)
         # Where the first combination can wrap, or starts from a Gray code, the estimate of every
         # pixel decides alone.
         alone = chain.wraps | ((chain.remainder == 0) & (self.gray is not None))
-        tolerance = np.where(alone, np.inf, np.maximum(chain.tolerance - lost, 0.0))
+        largest = np.where(left > 0.0, chain.largest_sigma * np.where(left > 0.0, left, 1.0), 0.0)
+        margin = np.where(alone, np.inf, largest)
         away = np.minimum(chain.alternative, self.largest_remainders or np.inf)
         alternative = np.maximum(away - lost, 0.0)
         return {
@@ -302,7 +306,7 @@ class Decoding:
             "combinations": np.ascontiguousarray(chain.combinations, np.float32),
             "frequencies": np.ascontiguousarray(chain.frequencies, np.float32),
             "amplification": np.ascontiguousarray(chain.amplification**2, np.float32),
-            "margin": np.ascontiguousarray((tolerance / ORDER_SIGMAS) ** 2, np.float32),
+            "margin": np.ascontiguousarray(margin**2, np.float32),
             "remainder": [int(k) for k in chain.remainder],
             "alternative": np.ascontiguousarray(alternative, np.float32),
             "order_variance": chain.order_variance,
@@ -381,9 +385,10 @@ def lit_pixels(maps: dict[str, Any]) -> BoolMap:
 
 
 def empty_maps(
-    shape: tuple[int, int], *, sets: int = 0, disagreement: bool = False
+    shape: tuple[int, int], *, sets: int = 0, disagreement: bool = False, variances: bool = False
 ) -> dict[str, Any]:
-    """New arrays for the kernel to write to, with the wrapped phases of ``sets`` sets."""
+    """New arrays for the kernel to write to, with the wrapped phases of ``sets`` sets, and their
+    variances by noise."""
     phases = np.empty((sets, *shape), np.float32)
     modulations = np.empty((sets, *shape), np.float32)
     # One block of memory: the system provides several smaller ones at half the speed.
@@ -396,7 +401,7 @@ def empty_maps(
         "reason": np.empty(shape, np.uint8),
         "phases": list(phases),
         "modulations": list(modulations),
-        "variances": [],
+        "variances": list(np.empty((sets, *shape), np.float32)) if variances else [],
         "cells": [],
         "disagreement": np.empty(shape, np.float32) if disagreement else None,
         "inflation": None,

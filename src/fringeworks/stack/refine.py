@@ -185,14 +185,12 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     # Where the sets agree within their noise, it is the surface that is rough.
     agree = len(left) > 1 and errors.by_noise
     bent = bool(findings) or any(phases.table_turns for phases in decoding.sets)
-    decoding, factor = (
-        (agreeing, 1.0) if agree else _with_line_scatter(decoding, lines, known, ripples, bent)
-    )
+    decoding, factor = agreeing, 1.0
+    if not agree:
+        decoding, factor = _with_line_scatter(agreeing, lines, known, ripples, errors, bent=bent)
     raised = replace(known, noise=scaled(known.noise, factor))
     if factor > 1.0:
         findings.append(words.correlated_noise(factor, decoding.axis))
-    if not agree:
-        decoding, errors = _with_agreeing_sets(decoding, planes, raised)
     notable = not errors.by_noise and errors.ratio > NOTABLE_RATIO
     if notable or errors.offset_turns > 0:
         findings.append(words.disagreement(errors, decoding.axis))
@@ -338,12 +336,17 @@ def _with_line_scatter(
     lines: list[NDArray[Any]],
     known: Known,
     ripples: list[Ripple | None],
+    errors: PhaseErrors,
+    *,
     bent: bool,
 ) -> tuple[Decoding, float]:
-    """The scatter of the phases along smooth lines: in the decoding's floor where the response is
-    ``bent``, otherwise as a factor on the variance of the noise."""
+    """The scatter of the phases along smooth lines: as a factor on the variance of the noise, or in
+    the decoding's floor, where the response is ``bent`` or several sets tell the noise.
+
+    What sets do not have against each other moves the coordinate, but spoils no fringe order.
+    """
     k = min(range(len(ripples)), key=lambda k: decoding.sets[k].period_px)
-    finest = ripples[k]
+    finest, several = ripples[k], len(decoding.sets) > 1
     if finest is not None and finest.excess > LINES_NOISE_ALONE:
         maps = decode_sample(decoding, lines, known.noise, known.limits.open)
         bent &= not finest.told  # its brightness tells all harmonics of a response
@@ -354,10 +357,11 @@ def _with_line_scatter(
             finest = replace(finest, excess=min(finest.excess, by_pixels))
     if finest is None or finest.excess <= LINES_NOISE_ALONE:
         return decoding, 1.0
-    if bent:
+    if bent or several:
         # A response that is not linear has harmonics beyond those of the ripple. They do not
         # shrink with the modulation.
-        return with_floor(decoding, finest.noise_rad * (finest.excess - 1.0) ** 0.5), 1.0
+        rest = finest.noise_rad**2 * (finest.excess - errors.noise_factor) - errors.floor_rad**2
+        return with_floor(decoding, max(rest, 0.0) ** 0.5), 1.0
     return decoding, finest.excess
 
 

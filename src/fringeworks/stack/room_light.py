@@ -6,6 +6,7 @@ them, the borders of the cells move, and bits look as if they were in doubt.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
@@ -19,8 +20,12 @@ from fringeworks.types import Finding, FloatMap
 from fringeworks.types.numbers import percent
 
 LEAST_CHANGE = 0.08
-"""Smallest change of the light halfway between dark and lit, in contrasts, that is taken out: less
-moves no bit that blur leaves a third of its contrast."""
+"""Smallest change of the light halfway between dark and lit, in contrasts, that is told: less moves
+no bit that blur leaves a third of its contrast. White and black frames change by as much with light
+between surfaces, of which bits see half."""
+
+LEAST_OF_BITS = 0.05
+"""Smallest change of a bit that is taken out."""
 
 FEWEST_FRAMES = 5
 """Frames of Gray codes, and of white and black, from which on their light is compared: the levels
@@ -33,15 +38,28 @@ SMALL = 0.05
 """Share of the pixels up to which a level of a frame is left out: noise and borders make some of
 the other level."""
 
-MOST_GAIN = 1.3
-"""Largest factor on the projector's light, either way, that is taken out. Bits that blur makes grey
-have less contrast, which is no other exposure."""
-
 MOST_CHANGE = 0.4
 """Largest change that is taken out: half of the contrast makes a dark sample a lit one."""
 
 CLEAR = 0.3
 """Contrast of a pixel over that of bright ones from which on its levels are told apart."""
+
+SCATTER = 0.05
+"""Usual distance of samples from those lines, in contrasts."""
+
+ALIKE = 1.0
+"""Usual difference of d and e, which keeps d near e where the room is so dark that no line shows
+it."""
+
+BLUR = 0.2
+"""Usual m, which counts where all pixels have the same share of the room's light, so that the lines
+have no slope to see."""
+
+FITS = 3
+"""Fits of the lines, each without the outliers of the one before."""
+
+OUTLIERS = 4.0
+"""Distance of outliers from the lines, in medians of all distances: samples on borders."""
 
 PASSES = 4
 """Estimates after one another: each has the levels without the changes found before."""
@@ -55,6 +73,22 @@ those that the camera does not resolve are grey."""
 
 MOST_NAMED = 3
 """At most this many frames are named."""
+
+
+@dataclass(frozen=True)
+class _Light:
+    """The light of frames, (N,) each."""
+
+    room: FloatMap
+    """Light of the room, d."""
+    gain: FloatMap
+    """Light of the projector, e."""
+    change: FloatMap
+    """Change of the light halfway between dark and lit, contrasts."""
+    bits: NDArray[np.bool_]
+    """Whether the frame shows bits, not white or black."""
+    both: NDArray[np.bool_]
+    """Whether it shows both levels."""
 
 
 def evened(planes: Planes, plan: PatternPlan) -> tuple[Planes, list[Finding]]:
@@ -75,9 +109,11 @@ def evened(planes: Planes, plan: PatternPlan) -> tuple[Planes, list[Finding]]:
     Notes
     -----
     Away from the borders of its cells, a pixel shows I_k = d_k D + e_k S b_k in frame k: its level
-    D by the light of the room, the light S of the projector, and the bit b_k. Medians over a sample
-    of pixels give d_k by dark samples and e_k by lit ones. D and S are those of the median frame.
-    Samples at the largest count of the type keep their value.
+    D by the light of the room, the light S of the projector, and the bit b_k, which blur and light
+    of other surfaces bring from 0 and 1 to m_k and 1 − m_k. D and S are the medians of the dark and
+    the lit bits of a pixel. Over a sample of pixels, I_k / S is a line over D / S for dark samples,
+    and one for lit samples, both with the slope d_k: their heights e_k m_k and e_k (1 − m_k) give
+    e_k. Samples at the largest count of the type keep their value.
     """
     frames = _frames(plan)
     if len(frames) < FEWEST_FRAMES:
@@ -87,11 +123,14 @@ def evened(planes: Planes, plan: PatternPlan) -> tuple[Planes, list[Finding]]:
     kind = planes[0].dtype
     top = float(np.iinfo(kind).max) if kind.kind == "u" else np.inf
     values = values[:, np.isfinite(values).all(axis=0) & (values.max(axis=0) < top)]
-    light = _light(values)
+    white, black = plan.uniform("white"), plan.uniform("black")
+    light = _light(values, [None if k not in (white, black) else k == white for k in frames])
     if light is None:
         return planes, []
-    room, gain, change, both = light
-    changed = np.flatnonzero((np.abs(change) > LEAST_CHANGE) & _resolved(plan, frames, both))
+    room, gain, change = light.room, light.gain, light.change
+    resolved = _resolved(plan, frames, light.both)
+    size = np.where(resolved, np.abs(change), 0.0)
+    changed = np.flatnonzero(size > np.where(light.bits, LEAST_OF_BITS, LEAST_CHANGE))
     if not changed.size:
         return planes, []
     dark = planes[frames[0]] / np.float32(room[0])
@@ -104,7 +143,8 @@ def evened(planes: Planes, plan: PatternPlan) -> tuple[Planes, list[Finding]]:
         if kind.kind == "u":
             even = np.where(plane < top, np.clip(np.rint(even), 0.0, top), top)
         out[frames[n]] = even.astype(kind)
-    return out, [_told(plan, [frames[n] for n in changed], change[changed])]
+    told = changed[size[changed] > LEAST_CHANGE]
+    return out, [_told(plan, [frames[n] for n in told], change[told])] if told.size else []
 
 
 def _frames(plan: PatternPlan) -> list[int]:
@@ -125,66 +165,82 @@ def _resolved(plan: PatternPlan, frames: list[int], both: NDArray[np.bool_]) -> 
     return np.array([k in sure for k in frames])
 
 
-def _light(
-    values: FloatMap,
-) -> tuple[FloatMap, FloatMap, FloatMap, NDArray[np.bool_]] | None:
-    """d_k and e_k of every frame, the change of the light halfway between dark and lit, in
-    contrasts, and whether both levels are there, (N,) each; None where the frames do not tell."""
-    values = values[:, np.ptp(values, axis=0) > 0.0]
+def _light(values: FloatMap, given: list[bool | None]) -> _Light | None:
+    """The light of frames by a sample of their pixels, (N, n) counts; None where they do not tell.
+
+    ``given`` says whether all of a frame is lit (white) or dark (black); None for a bit.
+    """
+    bits = np.array([one is None for one in given])
+    values = values[:, np.ptp(values[bits], axis=0) > 0.0]
     even = values
     for _ in range(PASSES):
-        dark, contrast, lit = _levels(even)
+        dark, contrast, lit = _levels(even, given)
         bright = np.quantile(contrast, 0.95) if contrast.size else np.inf
         clear = (contrast > CLEAR * bright) & (dark > 0.0)
         if np.count_nonzero(clear) < MIN_LEVEL_PIXELS:
             return None
-        seen = dark[clear], contrast[clear]
-        one = [_of_frame(v[clear], *seen, b[clear]) for v, b in zip(values, lit, strict=True)]
-        room, gain, both = np.array(one).T
+        seen = dark[clear] / contrast[clear]
+        parts = [
+            _of_frame(v[clear] / contrast[clear], seen, b[clear])
+            for v, b in zip(values, lit, strict=True)
+        ]
+        room, gain, both = np.array(parts).T
         if min(room.min(), gain.min()) <= 0.0:
             return None
-        room, gain = room / np.median(room), gain / np.median(gain)
-        ratio = float(np.median(dark[clear] / contrast[clear]))
-        change = (room - 1.0) * ratio + 0.5 * (gain - 1.0)
-        if not np.any(np.abs(change) > LEAST_CHANGE):
+        room, gain = room / np.median(room[bits]), gain / np.median(gain[bits])
+        change = (room - 1.0) * float(np.median(seen)) + 0.5 * (gain - 1.0)
+        if not np.any(np.abs(change) > LEAST_OF_BITS):
             break
         even = (values - room[:, None] * dark) / gain[:, None] + dark
-    change[np.abs(np.log(gain)) > np.log(MOST_GAIN)] = 0.0
-    before, after = (float(np.mean(_off_level(v[:, clear]) < FULL)) for v in (values, even))
-    told = after > max(NEAR, before) and np.abs(change).max() < MOST_CHANGE
-    return (room, gain, change, both > 0.0) if told else None
+    before, after = (_near_levels(v[:, clear], given) for v in (values, even))
+    told = after > max(NEAR, before) and np.abs(change[bits]).max() < MOST_CHANGE
+    return _Light(room, gain, change, bits, both > 0.0) if told else None
 
 
-def _off_level(values: FloatMap) -> FloatMap:
-    """Distance of samples from their level, in contrasts."""
-    dark, contrast, lit = _levels(values)
-    return np.abs((values - dark) / contrast - lit)
+def _near_levels(values: FloatMap, given: list[bool | None]) -> float:
+    """Share of the samples that are near their level."""
+    dark, contrast, lit = _levels(values, given)
+    return float(np.mean(np.abs((values - dark) / contrast - lit) < FULL))
 
 
-def _levels(values: FloatMap) -> tuple[FloatMap, FloatMap, NDArray[np.bool_]]:
-    """Dark level and contrast of every pixel, and which of its samples are lit."""
-    lit = values > 0.5 * (values.min(axis=0) + values.max(axis=0))
-    order, columns = np.sort(values, axis=0), np.arange(values.shape[1])
-    darks = len(values) - np.count_nonzero(lit, axis=0)
-    dark = order[(darks - 1) // 2, columns]
-    bright = order[(darks + len(values)) // 2, columns]
+def _levels(
+    values: FloatMap, given: list[bool | None]
+) -> tuple[FloatMap, FloatMap, NDArray[np.bool_]]:
+    """Dark level and contrast of every pixel by its bits, and which of its samples are lit."""
+    bits = np.array([one is None for one in given])
+    seen = values[bits]
+    lit = np.array([np.full(values.shape[1], bool(one)) for one in given])
+    lit[bits] = seen > 0.5 * (seen.min(axis=0) + seen.max(axis=0))
+    order, columns = np.sort(seen, axis=0), np.arange(values.shape[1])
+    darks = len(seen) - np.count_nonzero(lit[bits], axis=0)
+    dark = order[np.maximum(darks - 1, 0) // 2, columns]
+    bright = order[np.minimum((darks + len(seen)) // 2, len(seen) - 1), columns]
     return dark, bright - dark, lit
 
 
 def _of_frame(
-    samples: FloatMap, dark: FloatMap, contrast: FloatMap, lit: NDArray[np.bool_]
+    samples: FloatMap, dark: FloatMap, lit: NDArray[np.bool_]
 ) -> tuple[float, float, bool]:
-    """d and e of a frame, and whether it shows both levels; of one level, light of the room and of
-    the projector change alike, or the latter does not."""
+    """d and e of a frame, and whether it shows both levels, from samples and dark levels over the
+    contrast of their pixels."""
     fewest = max(MIN_LEVEL_PIXELS, SMALL * lit.size)
     some_dark, some_lit = np.count_nonzero(~lit) >= fewest, np.count_nonzero(lit) >= fewest
-    if not some_dark:
-        change = float(np.median(samples / (dark + contrast)))
-        return change, change, False
-    room = float(np.median((samples / dark)[~lit]))
     if not some_lit:
-        return room, 1.0, False
-    return room, float(np.median(((samples - room * dark) / contrast)[lit])), True
+        return float(np.median((samples / dark)[~lit])), 1.0, False
+    if not some_dark:  # light of the room and of the projector change alike
+        change = float(np.median((samples / (dark + 1.0))[lit]))
+        return change, change, False
+    design = np.column_stack((dark, ~lit, lit))
+    priors = np.array([[1.0 / ALIKE, -1.0 / ALIKE, -1.0 / ALIKE], [0.0, 1.0 / BLUR, 0.0]])
+    kept = np.ones(lit.size, bool)
+    for _ in range(FITS):
+        # Levels are as wrong as samples, and alike at many pixels: these count as one.
+        unit = SCATTER * float(np.count_nonzero(kept)) ** 0.5
+        rows = np.vstack((design[kept] / unit, priors))
+        found = np.linalg.lstsq(rows, np.append(samples[kept] / unit, (0.0, 0.0)), rcond=None)[0]
+        off = np.abs(samples - design @ found)
+        kept = off <= OUTLIERS * max(float(np.median(off)), SCATTER)
+    return float(found[0]), float(found[1] + found[2]), True
 
 
 def _told(plan: PatternPlan, frames: list[int], change: FloatMap) -> Finding:

@@ -17,7 +17,7 @@ pub const MAX_COMBINATIONS: usize = 32;
 pub struct Rounding<const K: usize> {
     /// Squared amplification of the phase errors times the squared confidence, turns²/rad².
     amplification: [f32; K],
-    /// Squared margin, turns².
+    /// Largest squared error, turns².
     margin: f32,
     /// Distance to the remainder of the nearest other coordinate in the range, turns.
     alternative: f32,
@@ -32,15 +32,15 @@ impl<const K: usize> Rounding<K> {
     };
 
     /// Whether the error, as many standard deviations as decisions must be safe by, stays within the
-    /// margin, and within the distance between the remainder and that of the nearest other coordinate
-    /// in the range. `variance`: of the phases, rad².
+    /// distance between the remainder and that of the nearest other coordinate in the range, and within
+    /// the margin of roundings that are not judged. `variance`: of the phases, rad².
     ///
-    /// The second test uses what the pixel shows: the closer a remainder is to half a turn, or the
+    /// The first test uses what the pixel shows: the closer a remainder is to half a turn, or the
     /// first estimate to the place where it wraps, the smaller its error must be.
     #[inline(always)]
     pub fn is_safe(&self, variance: &[f32; K], remainder: f32) -> bool {
         let error = dot(&self.amplification, variance);
-        let away = self.alternative - remainder.abs();
+        let away = (self.alternative - remainder.abs()).max(0.0);
         (error <= self.margin) & (error <= away * away)
     }
 }

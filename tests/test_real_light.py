@@ -45,6 +45,10 @@ def captures(real_data):
             [board / f"pat{k:02d}.png" for k in fine],
             PatternPlan(1920, 1080, (GrayCode("x", 2, 1920), *LIGHT)),
         ),
+        "fringes on the board": (
+            [board / f"pat{k:02d}.png" for k in (3, 4, 5, *fine)],
+            PatternPlan(1920, 1080, (PhaseSteps("x", 240, BACK), GrayCode("x", 2, 1920), *LIGHT)),
+        ),
         "objects": (
             [objects / f"pat{k:02d}.png" for k in of_objects[3:]],
             PatternPlan(1920, 1080, (PhaseSteps("x", 100, BACK), cells, *LIGHT)),
@@ -103,3 +107,25 @@ def test_a_second_set_loses_no_pixels(captures, noise):
         assert np.mean(z < 2.0) > 0.95
         assert np.mean(off > 20.0) < 1e-4
     assert shares["objects, two sets"] > shares["objects"] - 0.06
+
+
+@pytest.mark.parametrize("kind", ["lamp", "exposure"])
+@pytest.mark.parametrize("phase", [0.0, 2.0])
+def test_light_that_differs_by_rows_is_told_by_a_fine_code(captures, kind, phase):
+    """Three steps leave no residuals that show it."""
+    frames, plan = captures["fringes on the board"]
+    plain = decode(counts(frames), plan).x
+    rows = np.linspace(0.0, 5.2 * np.pi, len(frames[0]))[:, None]
+    lit = []
+    for k, frame in enumerate(frames):
+        wave = np.sin(rows + phase + 2.4 * k)
+        lit.append(
+            0.8 * frame + 20.0 + 5.0 * wave if kind == "lamp" else frame * (0.8 + 0.04 * wave)
+        )
+    found = decode(counts(lit), plan)
+    _, z, _ = compared(plain, found.x)
+    assert np.mean(z < 1.0) > 0.6
+    assert np.mean(z < 2.0) > 0.9
+    assert np.mean(z > 5.0) < 1e-4
+    told = [one for one in found.findings if one.kind == "fringes beside the code"]
+    assert "line to line" in told[0].seen

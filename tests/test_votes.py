@@ -105,6 +105,13 @@ def test_light_that_the_lens_spreads_into_a_shadow_is_no_surface():
     assert (found.reason[:, :119] == Reason.OK).mean() > 0.98
 
 
+def test_frames_of_double_precision_are_decided_by_regions():
+    """Every part of the decoding reads them."""
+    frames = shown(FINE_AND_SINGLE, relief(), 3.0)
+    found = [decode([np.asarray(f, kind) for f in frames], FINE_AND_SINGLE).x for kind in "fd"]
+    assert np.array_equal(found[0].reason, found[1].reason)
+
+
 def voted(plan, phases, variances, reason, radius):
     """Coordinates and reasons of the kernel, and those of the twin."""
     decoding = decoding_of(plan, "x", absolute=True, response=None)

@@ -13,6 +13,7 @@ from fringeworks.patterns.order_chain import TURN, coded_chains
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack import words
 from fringeworks.stack.agreement import LineEvidence
+from fringeworks.stack.beside_code import apart_px
 from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.frame_motion import by_motion, moved_rather, pairs_apart
 from fringeworks.stack.gray_frames import refuse_unequal_levels, resolution
@@ -21,7 +22,7 @@ from fringeworks.stack.noise import measure_noise, neighbour_noise, spatial_nois
 from fringeworks.stack.order_faults import refuse_order_faults, refuse_unrelated, repeats_in_words
 from fringeworks.stack.other_patterns import other_exposures
 from fringeworks.stack.real_frames import RealFrames, design_rows, fit_frames, real_step_errors
-from fringeworks.stack.refine import Refined, refined
+from fringeworks.stack.refine import RIPPLE_FACTOR, Refined, refined
 from fringeworks.stack.refusal import saturation_first
 from fringeworks.stack.ripple_removal import without_ripples
 from fringeworks.stack.sample import Sample
@@ -173,7 +174,7 @@ def examine(
         found = {a: _refined(d, planned[a], sample, known) for a, d in decodings.items()}
         beside: list[Finding] = []
         if not moves:
-            found = {axis: _beside_code(axis, f, sample, beside) for axis, f in found.items()}
+            found = {a: _beside_code(a, f, sample, known, beside) for a, f in found.items()}
         if estimate_response:
             _refuse_unknown_response(found)
         moved = _moved_rather(found, sample)
@@ -322,13 +323,20 @@ def _resolved_share(decoding: Decoding, sample: Sample, known: Known) -> float:
     return np.count_nonzero(maps["reason"] == Reason.OK) / lit if lit else 1.0
 
 
-def _beside_code(axis: Axis, found: Refined, sample: Sample, findings: list[Finding]) -> Refined:
+def _beside_code(
+    axis: Axis, found: Refined, sample: Sample, known: Known, findings: list[Finding]
+) -> Refined:
     """With the distance of the fringes from where the Gray code has them in σ, if it is clear."""
-    seen = convention(found.decoding, sample.lines[axis])
-    if seen is None or not seen.clear:
-        return found
-    findings.append(words.apart(axis, seen))
-    return replace(found, pull_px=float(np.hypot(found.pull_px, seen.offset_px)))
+    lines = sample.lines[axis]
+    seen = convention(found.decoding, lines)
+    if seen is not None and seen.clear:
+        findings.append(words.apart(axis, seen))
+        found = replace(found, pull_px=float(np.hypot(found.pull_px, seen.offset_px)))
+    bent_px = apart_px(found.decoding, [lines[k] for k in found.decoding.frames], known)
+    if RIPPLE_FACTOR * bent_px > found.pull_px:
+        findings.append(words.bent(axis, bent_px))
+        found = replace(found, pull_px=RIPPLE_FACTOR * bent_px)
+    return found
 
 
 def _moved_rather(found: Mapping[Axis, Refined], sample: Sample) -> float:

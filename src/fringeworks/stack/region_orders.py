@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fringeworks import _core
 from fringeworks._lazy import scipy
 from fringeworks.patterns.order_chain import TURN, order_chain
-from fringeworks.stack.frames import Planes
+from fringeworks.stack.frames import Planes, in_bands
 from fringeworks.stack.kernel_settings import Decoding, Limits, empty_maps
 from fringeworks.stack.neighbours import ERROR_RATE
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN
@@ -200,8 +200,8 @@ def _unwrapped(
         largest_remainders=(),
     )
     maps = empty_maps(planes[0].shape)
-    own = [np.ascontiguousarray(planes[decoding.frames.index(k)]) for k in alone.frames]
-    _core.decode_frames(own, alone.kernel(*known), maps)
+    own, kernel = [planes[decoding.frames.index(k)] for k in alone.frames], alone.kernel(*known)
+    in_bands(own, maps, lambda part, into: _core.decode_frames(part, kernel, into))
     turns = maps["coordinate"] / np.float32(period)
     smooth = (maps["reason"] == Reason.OK) & ~_beside_steps(turns)
     if not smooth.any():

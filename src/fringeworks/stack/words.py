@@ -199,6 +199,23 @@ def apart(axis: Axis, found: Convention) -> Finding:
     )
 
 
+def bent(axis: Axis, rms_px: float) -> Finding:
+    """Fringes that lie beside the Gray code by other distances at every phase and line."""
+    return Finding(
+        "fringes beside the code",
+        f"the fringes along {axis} lie {rms_px:.2g} px rms beside where the cells of the Gray code "
+        "have them, differently from line to line or within a fringe; σ contains it",
+        causes=(
+            "light that changes from row to row, as of a lamp under a rolling shutter",
+            "a response that is not linear (γ)",
+            "light between surfaces",
+        ),
+        advice="expose for whole periods of the light, or use more steps",
+        axis=axis,
+        figures={"rms_px": rms_px},
+    )
+
+
 def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str], moved: float) -> Finding | None:
     """Steps and gains that differ from the plan; None where they hardly do.
 

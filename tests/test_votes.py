@@ -95,13 +95,8 @@ def test_light_that_the_lens_spreads_into_a_shadow_is_no_surface():
     x = relief()
     albedo = np.where(X < 120, 1.0, 0.0)
     albedo[:, 120] = 0.35
-    found = decode(shown(FINE_AND_SINGLE, x, 4.0, albedo=albedo), FINE_AND_SINGLE).x
-    assert (found.reason[:, 120] == Reason.OK).mean() < 0.05
-    assert (found.reason[:, :119] == Reason.OK).mean() > 0.95
-    # With less noise, its own phases tell.
     found = decode(shown(FINE_AND_SINGLE, x, 2.0, albedo=albedo), FINE_AND_SINGLE).x
-    off = np.abs(found.coordinate_px - x) / found.sigma_px
-    assert np.nanmax(off[:, 120]) < 5.0
+    assert (found.reason[:, 120] == Reason.OK).mean() < 0.05
     assert (found.reason[:, :119] == Reason.OK).mean() > 0.98
 
 

@@ -125,8 +125,10 @@ class OrderChain(Frozen):
     because noise could wrap the combination there.
     """
     largest_sigma: NDArray[np.float64]
-    """Largest standard deviation of the error of every rounding, (R,), turns, up to which those are
-    safe that need no test of their own beside it; infinite where there is none."""
+    """Largest standard deviation of the error of every rounding, (R,), turns: ``ORDER_SIGMAS`` of
+    it are tolerated. With a Gray code, whose cell refuses most wrong orders, up to which those are
+    safe that need no test of their own beside it; infinite where there is none. Without, errors
+    that are no noise count where the fringes are weak."""
     remainder: NDArray[np.intp]
     """Index of the remainder of every rounding, (R,): 0 … K − 1 for the combinations, then the M
     phases."""
@@ -373,7 +375,7 @@ def _chain_of(
         combinations=c,
         amplification=rows[used],
         tolerance=tolerance[used],
-        largest_sigma=largest[used],
+        largest_sigma=tolerance[used] / ORDER_SIGMAS if gray_step_px is None else largest[used],
         remainder=np.flatnonzero(used),
         alternative=alternative[used],
         order_variance=ORDER_VARIANCE if gray_step_px is None else CODED_ORDER_VARIANCE,

@@ -15,10 +15,9 @@ from fringeworks.types import CameraNoise
 def decode_sample(
     decoding: Decoding, planes: list[NDArray[Any]], noise: CameraNoise, limits: Limits
 ) -> dict[str, Any]:
-    """The kernel's maps for a sample, with phases, their variances, modulations and disagreement;
-    the planes are in the decoding's order."""
-    sets = len(decoding.sets)
-    maps = empty_maps(planes[0].shape, sets=sets, disagreement=True, variances=True)
+    """The kernel's maps for a sample, with phases, modulations and disagreement; the planes are in
+    the decoding's order."""
+    maps = empty_maps(planes[0].shape, sets=len(decoding.sets), disagreement=True)
     _core.decode_frames(planes, decoding.kernel(noise, limits), maps)
     return maps
 

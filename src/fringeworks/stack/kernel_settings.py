@@ -385,10 +385,9 @@ def lit_pixels(maps: dict[str, Any]) -> BoolMap:
 
 
 def empty_maps(
-    shape: tuple[int, int], *, sets: int = 0, disagreement: bool = False, variances: bool = False
+    shape: tuple[int, int], *, sets: int = 0, disagreement: bool = False
 ) -> dict[str, Any]:
-    """New arrays for the kernel to write to, with the wrapped phases of ``sets`` sets, and their
-    variances by noise."""
+    """New arrays for the kernel to write to, with the wrapped phases of ``sets`` sets."""
     phases = np.empty((sets, *shape), np.float32)
     modulations = np.empty((sets, *shape), np.float32)
     # One block of memory: the system provides several smaller ones at half the speed.
@@ -401,7 +400,7 @@ def empty_maps(
         "reason": np.empty(shape, np.uint8),
         "phases": list(phases),
         "modulations": list(modulations),
-        "variances": list(np.empty((sets, *shape), np.float32)) if variances else [],
+        "variances": [],
         "cells": [],
         "disagreement": np.empty(shape, np.float32) if disagreement else None,
         "inflation": None,

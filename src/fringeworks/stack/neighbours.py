@@ -8,7 +8,6 @@ import numpy as np
 
 from fringeworks import _core
 from fringeworks._lazy import scipy
-from fringeworks.patterns.chain_search import ORDER_SIGMAS
 from fringeworks.patterns.order_chain import TURN, separation
 from fringeworks.signal.filters import box_mean
 from fringeworks.stack.kernel_settings import Decoding, lit_pixels
@@ -88,38 +87,26 @@ def worth_voting(decoding: Decoding, results: dict[str, Any]) -> bool:
     decoding : Decoding
     results : the kernel's maps
     """
-    doubtful = _doubtful(decoding, results)
-    lit = max(1, int(np.count_nonzero(lit_pixels(results))))
-    share = int(np.count_nonzero(doubtful)) / lit
     if decoding.gray is not None:
-        return len(decoding.sets) == 1 and share > WORTH_ASKING
+        return len(decoding.sets) == 1 and _ambiguous(results) > WORTH_ASKING
     if len(decoding.sets) < 2:
         return False
     if np.inf in decoding.order_errors:
         return False
+    share = _ambiguous(results)
     if not WORTH_VOTING < share <= MANY:
         return share > MANY
     # Rows may be far from each other: areas show along them.
-    around = scipy.ndimage.uniform_filter1d(doubtful.astype(np.float32), AROUND, axis=1)
-    return int(np.count_nonzero(doubtful & (around > AREA))) > WORTH_VOTING * lit
-
-
-def _doubtful(decoding: Decoding, results: dict[str, Any]) -> BoolMap:
-    """Pixels whose order is ambiguous, or would be with another noise of the same size: where it is
-    noise that takes the margin of a rounding, luck decides which of them are."""
     ambiguous = results["reason"] == Reason.ORDER_AMBIGUOUS
-    chain = decoding.chain
-    if chain is None or not results.get("variances"):
-        return np.asarray(ambiguous)
-    second, third = chain.order_variance
-    known = [np.minimum(v, np.float32(1.0)) for v in results["variances"]]  # 1 rad² tells nothing
-    judged = [v * (1.0 + v * (second + third * v)) / TURN**2 for v in known]
-    alone = chain.wraps | ((chain.remainder == 0) & (decoding.gray is not None))
-    noisy = np.zeros_like(ambiguous)
-    for row, tolerance in zip(chain.amplification[~alone], chain.tolerance[~alone], strict=True):
-        error = sum(float(a) ** 2 * v for a, v in zip(row, judged, strict=True))
-        noisy |= error > (tolerance / ORDER_SIGMAS) ** 2
-    return np.asarray(ambiguous | (noisy & lit_pixels(results)))
+    around = scipy.ndimage.uniform_filter1d(ambiguous.astype(np.float32), AROUND, axis=1)
+    inside = int(np.count_nonzero(ambiguous & (around > AREA)))
+    return inside > WORTH_VOTING * int(np.count_nonzero(lit_pixels(results)))
+
+
+def _ambiguous(results: dict[str, Any]) -> float:
+    """Share of the lit pixels with an ambiguous order."""
+    ambiguous = int(np.count_nonzero(results["reason"] == Reason.ORDER_AMBIGUOUS))
+    return ambiguous / max(1, int(np.count_nonzero(lit_pixels(results))))
 
 
 def lines_in_doubt(decoding: Decoding, results: dict[str, Any]) -> BoolMap:
@@ -133,10 +120,9 @@ def lines_in_doubt(decoding: Decoding, results: dict[str, Any]) -> BoolMap:
     results : the kernel's maps
     """
     ambiguous = results["reason"] == Reason.ORDER_AMBIGUOUS
-    doubtful, lit = _doubtful(decoding, results), np.count_nonzero(lit_pixels(results))
-    if decoding.gray is not None or np.count_nonzero(doubtful) > MANY * lit:
+    if decoding.gray is not None or _ambiguous(results) > MANY:
         return np.zeros_like(ambiguous)
-    return np.asarray(ambiguous & (box_mean(doubtful.astype(np.float32), AROUND) < AREA))
+    return np.asarray(ambiguous & (box_mean(ambiguous.astype(np.float32), AROUND) < AREA))
 
 
 def leave_in_doubt(results: dict[str, Any], pixels: BoolMap) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -185,12 +186,16 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     # Where the sets agree within their noise, it is the surface that is rough.
     agree = len(left) > 1 and errors.by_noise
     bent = bool(findings) or any(phases.table_turns for phases in decoding.sets)
-    decoding, factor = agreeing, 1.0
-    if not agree:
-        decoding, factor = _with_line_scatter(agreeing, lines, known, ripples, errors, bent=bent)
+    # Of orders that a Gray code guards, the sets tell the noise themselves.
+    guarded = len(left) > 1 and decoding.gray is not None
+    start, told = (agreeing, errors) if guarded else (decoding, None)
+    scatter = partial(_with_line_scatter, start, lines, known, ripples, told, bent=bent)
+    decoding, factor = (agreeing, 1.0) if agree else scatter()
     raised = replace(known, noise=scaled(known.noise, factor))
     if factor > 1.0:
         findings.append(words.correlated_noise(factor, decoding.axis))
+    if not (agree or guarded):
+        decoding, errors = _with_agreeing_sets(decoding, planes, raised)
     notable = not errors.by_noise and errors.ratio > NOTABLE_RATIO
     if notable or errors.offset_turns > 0:
         findings.append(words.disagreement(errors, decoding.axis))
@@ -336,17 +341,17 @@ def _with_line_scatter(
     lines: list[NDArray[Any]],
     known: Known,
     ripples: list[Ripple | None],
-    errors: PhaseErrors,
+    told: PhaseErrors | None,
     *,
     bent: bool,
 ) -> tuple[Decoding, float]:
     """The scatter of the phases along smooth lines: as a factor on the variance of the noise, or in
-    the decoding's floor, where the response is ``bent`` or several sets tell the noise.
+    the decoding's floor, where the response is ``bent`` or the sets have ``told`` the noise.
 
     What sets do not have against each other moves the coordinate, but spoils no fringe order.
     """
     k = min(range(len(ripples)), key=lambda k: decoding.sets[k].period_px)
-    finest, several = ripples[k], len(decoding.sets) > 1
+    finest, errors = ripples[k], told or PhaseErrors()
     if finest is not None and finest.excess > LINES_NOISE_ALONE:
         maps = decode_sample(decoding, lines, known.noise, known.limits.open)
         bent &= not finest.told  # its brightness tells all harmonics of a response
@@ -357,7 +362,7 @@ def _with_line_scatter(
             finest = replace(finest, excess=min(finest.excess, by_pixels))
     if finest is None or finest.excess <= LINES_NOISE_ALONE:
         return decoding, 1.0
-    if bent or several:
+    if bent or told is not None:
         # A response that is not linear has harmonics beyond those of the ripple. They do not
         # shrink with the modulation.
         rest = finest.noise_rad**2 * (finest.excess - errors.noise_factor) - errors.floor_rad**2

@@ -21,11 +21,12 @@ from fringeworks.types.numbers import percent
 
 LEAST_CHANGE = 0.08
 """Smallest change of the light halfway between dark and lit, in contrasts, that is told: less moves
-no bit that blur leaves a third of its contrast. White and black frames change by as much with light
-between surfaces, of which bits see half."""
+no bit that blur leaves a third of its contrast."""
 
-LEAST_OF_BITS = 0.05
-"""Smallest change of a bit that is taken out."""
+LEAST_TAKEN = 0.05
+"""Smallest change of a bit, or of the middle of white and black, that is taken out. Of light that
+surfaces throw on each other, bits see half: white looks brighter and black darker by as much, and
+their middle is the same."""
 
 FEWEST_FRAMES = 5
 """Frames of Gray codes, and of white and black, from which on their light is compared: the levels
@@ -130,7 +131,11 @@ def evened(planes: Planes, plan: PatternPlan) -> tuple[Planes, list[Finding]]:
     room, gain, change = light.room, light.gain, light.change
     resolved = _resolved(plan, frames, light.both)
     size = np.where(resolved, np.abs(change), 0.0)
-    changed = np.flatnonzero(size > np.where(light.bits, LEAST_OF_BITS, LEAST_CHANGE))
+    if white in frames and black in frames:
+        of_light = [frames.index(k) for k in (white, black)]
+        if change[of_light[0]] > 0.0 > change[of_light[1]]:  # as of light between surfaces
+            size[of_light] = abs(float(np.mean(change[of_light])))
+    changed = np.flatnonzero(size > LEAST_TAKEN)
     if not changed.size:
         return planes, []
     dark = planes[frames[0]] / np.float32(room[0])
@@ -143,7 +148,7 @@ def evened(planes: Planes, plan: PatternPlan) -> tuple[Planes, list[Finding]]:
         if kind.kind == "u":
             even = np.where(plane < top, np.clip(np.rint(even), 0.0, top), top)
         out[frames[n]] = even.astype(kind)
-    told = changed[size[changed] > LEAST_CHANGE]
+    told = changed[np.abs(change[changed]) > LEAST_CHANGE]
     return out, [_told(plan, [frames[n] for n in told], change[told])] if told.size else []
 
 
@@ -189,7 +194,7 @@ def _light(values: FloatMap, given: list[bool | None]) -> _Light | None:
             return None
         room, gain = room / np.median(room[bits]), gain / np.median(gain[bits])
         change = (room - 1.0) * float(np.median(seen)) + 0.5 * (gain - 1.0)
-        if not np.any(np.abs(change) > LEAST_OF_BITS):
+        if not np.any(np.abs(change) > LEAST_TAKEN):
             break
         even = (values - room[:, None] * dark) / gain[:, None] + dark
     before, after = (_near_levels(v[:, clear], given) for v in (values, even))

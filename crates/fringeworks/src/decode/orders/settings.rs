@@ -4,7 +4,8 @@ use crate::{Error, check_length, check_value};
 
 /// The chain of roundings that gives the fringe orders of all sets (temporal unwrapping, theory §5).
 ///
-/// A pixel must show that its noise cannot have led to another coordinate in the range.
+/// The caller has proved it: each rounding keeps a margin against the noise. A pixel must also show that
+/// its noise cannot have led to another coordinate in the range, which with a Gray code is enough.
 pub struct Chain {
     /// Integer coefficients of the phases, one row per combination with one value per set.
     pub combinations: Vec<f32>,
@@ -12,8 +13,8 @@ pub struct Chain {
     pub frequencies: Vec<f32>,
     /// Squared amplification of the phase errors by every rounding, rows as above.
     pub amplification: Vec<f32>,
-    /// Largest variance of the error of every rounding, turns²: up to it, roundings are safe that are
-    /// left out because of this one; infinite where the remainder alone decides.
+    /// Largest variance of the error of every rounding, turns²: its squared margin divided by the squared
+    /// confidence; infinite where only the remainder decides.
     pub margin: Vec<f32>,
     /// Index of the remainder of every rounding: those of the combinations, then those of the sets.
     pub remainder: Vec<usize>,
@@ -32,6 +33,10 @@ pub struct Chain {
     /// Whether both ends of the range are the same place: a coordinate modulo `repeats`.
     pub circular: bool,
 }
+
+/// Standard deviations that decisions of a chain must be safe by, and half a turn over them, squared.
+const SIGMAS: f32 = 5.0;
+const HALF_TURN: f32 = (0.5 / SIGMAS) * (0.5 / SIGMAS);
 
 /// Coefficients of σ⁴ and σ⁶ in the phase variance that roundings are judged by: the expected variance of
 /// a phase whose modulation is as noisy as the one measured.
@@ -70,7 +75,7 @@ impl Chain {
             combinations: (0..n).flat_map(|k| one(k, 1.0)).collect(),
             frequencies: periods[..n].iter().map(|p| (1.0 / p) as f32).collect(),
             amplification: (1..sets).flat_map(judged).collect(),
-            margin: vec![f32::INFINITY; sets - 1],
+            margin: vec![HALF_TURN; sets - 1],
             remainder: (1..sets).map(|k| if k < n { k } else { n + k }).collect(),
             alternative: vec![1.0; sets - 1],
             order_variance: ORDER_VARIANCE,

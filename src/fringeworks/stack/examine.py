@@ -177,6 +177,17 @@ def examine(
     return Judgement(noise, limits, found, tuple(findings))
 
 
+def _refuse_all_equal(plan: PatternPlan, points: Sequence[NDArray[Any]]) -> None:
+    """Refuse frames that are all equal in every count of a sample, but show something."""
+    first = points[0]
+    if np.nanmin(first) < np.nanmax(first) and all(np.array_equal(first, p) for p in points[1:]):
+        raise FramesContradictPlan(
+            f"frames: all {plan.frames} are equal in every count; expected the patterns of the "
+            "plan (one file was copied, the camera sent the same frame again, or the projector did "
+            "not change)"
+        )
+
+
 def _limits(
     decodings: dict[Axis, Decoding],
     sample: Sample,
@@ -214,6 +225,7 @@ def _ordered(
     moves: bool,
 ) -> dict[Axis, Decoding]:
     """The decodings with the cells that the camera resolves, of frames in the order of the plan."""
+    _refuse_all_equal(plan, sample.points)
     clear = sample.below(known.limits.saturation)
     for decoding in decodings.values():
         if decoding.gray is not None:

@@ -134,18 +134,22 @@ def _noise(own: NDArray[np.float32], channels: NDArray[np.intp], number: int) ->
     step = max(1, plane.size // SAMPLED_PX)
     middle = plane[1:-1:step, 1:-1].astype(np.float64)
     height, width = plane.shape
-    second = np.full(middle.shape, np.inf)
+    second, light = np.full(middle.shape, np.inf), middle.copy()
     for v, u in DIRECTIONS:
         one = plane[1 + v : height - 1 + v : step, 1 + u : width - 1 + u]
         other = plane[1 - v : height - 1 - v : step, 1 - u : width - 1 - u]
         np.minimum(second, np.abs(one + other - 2.0 * middle), out=second)
-    lit = middle > LIT_SHARE * np.quantile(middle, 0.99)
+        light += one
+        light += other
+    # The mean of nine pixels: the count of one alone would order them by its noise.
+    light /= 1 + 2 * len(DIRECTIONS)
+    lit = light > LIT_SHARE * np.quantile(light, 0.99)
     if np.count_nonzero(lit) < FEWEST:
         return CameraNoise(0.0, 0.0)
-    order = np.argsort(middle[lit])
-    levels = [(middle[lit][k], second[lit][k]) for k in np.array_split(order, LEVELS)]
-    design = np.array([(1.0, np.mean(light)) for light, _ in levels])
-    found = np.array([np.median(off) / MEDIAN_OF_SMALLEST for _, off in levels]) ** 2
+    light, second = light[lit], second[lit]
+    levels = np.array_split(np.argsort(light), LEVELS)
+    design = np.array([(1.0, np.mean(light[k])) for k in levels])
+    found = np.array([np.median(second[k]) / MEDIAN_OF_SMALLEST for k in levels]) ** 2
     scale = np.maximum(found, LEAST)
     read, gain = scipy.optimize.nnls(design / scale[:, None], found / scale)[0]
     return CameraNoise(float(np.sqrt(read)), float(gain))

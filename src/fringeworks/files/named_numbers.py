@@ -117,7 +117,7 @@ def _flat(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
         yield name, value
     elif value.keys() >= MATRIX_KEYS:
         yield name, _matrix(value["rows"], value["cols"], value["data"])
-    elif value.keys() == ARRAY_KEYS:
+    elif value.keys() >= ARRAY_KEYS:
         yield name, value["data"]
     elif depth < MAX_NESTING:
         for key, inner in value.items():

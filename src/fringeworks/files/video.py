@@ -20,6 +20,9 @@ CPU_SECONDS = 300
 """Processor time that decoding may take; a minute of Full HD takes about 20 s."""
 SAMPLED_PX = 40_000
 """Pixels in which the change from frame to frame is measured: their mean has little noise."""
+LEAST_CHANGE = 0.1
+"""Smallest mean change from frame to frame that counts, counts: one count at a tenth of the pixels,
+as rounding makes it. Where a video repeats frames to the last bit, any change is far above 0."""
 SHOWN_NUMBERS = 4
 """Numbers of frames that a note lists."""
 
@@ -92,9 +95,9 @@ def still_parts(frames: NDArray[Any], count: int) -> list[tuple[int, int]]:
     if len(changes) < count or count < 2:
         return [(0, len(frames) - 1)]
     usual = max(float(np.median(changes)), 1e-6)
-    ordered = np.maximum(np.sort(changes), usual)
-    needed = float(ordered[-(count - 1)])
-    parts = _parts(changes, np.sqrt(usual * needed))
+    needed = float(np.sort(changes)[-(count - 1)])
+    parts = _parts(changes, np.sqrt(usual * max(needed, usual)))
+    ordered = np.maximum(np.sort(changes), max(usual, LEAST_CHANGE))
     widest = int(np.argmax(ordered[1:] / ordered[:-1]))
     by_gap = _parts(changes, np.sqrt(ordered[widest] * ordered[widest + 1]))
     return by_gap if len(parts) != count == len(by_gap) else parts

@@ -135,7 +135,7 @@ def examine(
     InputError
         If the frames contradict the plan, for example because two of them are swapped.
     """
-    findings: list[Finding] = []
+    _refuse_all_equal(plan, sample.points)
     # A response was measured with the real steps: it contains the ripple that they make.
     estimate_steps &= not any(s.table_turns for d in decodings.values() for s in d.sets)
     level = limits.saturation if limits.given else saturation_level(decodings, sample)
@@ -145,7 +145,7 @@ def examine(
     unknown, limits = limits, _limits(decodings, sample, limits, rough, level)
     known = Known(rough, limits, estimate_steps)
     told = unknown.given or limits.saturation == unknown.saturation
-    findings += words.saturated(sample.points, limits, rough, plan.labels(), told)
+    findings = [*words.saturated(sample.points, limits, rough, plan.labels(), told)]
     with saturation_first(findings):
         decodings = _ordered(plan, sample, decodings, known, findings, moves=moves)
         planned = decodings
@@ -225,7 +225,6 @@ def _ordered(
     moves: bool,
 ) -> dict[Axis, Decoding]:
     """The decodings with the cells that the camera resolves, of frames in the order of the plan."""
-    _refuse_all_equal(plan, sample.points)
     clear = sample.below(known.limits.saturation)
     for decoding in decodings.values():
         if decoding.gray is not None:

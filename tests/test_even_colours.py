@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+import fringeworks as fw
 from fringeworks.rig.pinhole import inverse, look_at, transform
+from fringeworks.simulate import Optics, fringe_plan, look, photograph
 from fringeworks.views import closed_mesh
 from fringeworks.views.even_colours import even_colours
 from fringeworks.views.fusion import _voxels, fuse_points
-from fringeworks.views.poses import ViewPose
+from fringeworks.views.poses import TurntableAxis, ViewPose
 from fringeworks.views.surface_points import SurfacePoints
+from tests.turntable import bust_on_table, on_table, turned_poses, turntable_pose
+from tests.turntables import rig
 
 VOXEL_MM = 1.5
 LAMP_MM = np.array([150.0, 10.0, 20.0])
@@ -137,6 +141,37 @@ def test_a_turntable_seen_from_its_own_height_keeps_its_colours(seed):
     assert np.median(np.abs(over - np.median(over))) < 0.03
     slope = np.polyfit(fused.points.xyz_mm[:, 1], over, 1)[0]
     assert abs(slope * 80) < 0.06
+
+
+def rings(x, seed):
+    """Paint of a bust on a table: smooth, with darker rings around it; about 1 on the mean."""
+    base = 0.5 + 0.2 * np.sin(x[..., 0] / 11 + seed) + 0.2 * np.cos(x[..., 2] / 13)
+    return np.where(np.floor((x[..., 2] + seed) / 9) % 3 == 0, 0.25, base)
+
+
+@pytest.mark.parametrize("seed", [5, 18])
+def test_a_turntable_seen_from_above_keeps_its_colours(seed):
+    """The head is nearer to the camera and the lamp in every view: the law of distance tells by how
+    much."""
+    T, plan, clouds = turntable_pose(elevation_deg=35.0), fringe_plan(rig(), both=False), []
+    poses = turned_poses(T, [45.0 * k for k in range(8)])
+    for k, pose in enumerate(poses):
+        view = look(rig(), on_table(bust_on_table(), pose))
+        paint = rings(transform(inverse(pose), np.nan_to_num(view.points_mm)), seed)
+        painted = replace(view, albedo=view.albedo * paint)
+        optics = Optics(exposure=1.0 - 0.04 * k, noise=0.7, ambient=0.01, seed=100 * seed + k)
+        frames = np.stack(list(photograph(painted, plan, optics)))
+        clouds.append(fw.measure(fw.Stack(frames, plan), rig()).points)
+    axis = TurntableAxis(T[:3, 3], T[:3, 2], np.diag([1e-6] * 3 + [1e-2] * 3), 0.05, 0.02)
+    merged = fw.merge(clouds, poses="turntable", step_deg=45.0, axis=axis)
+    first = transform(inverse(merged.poses[0].T_part_camera), merged.points.xyz_mm)
+    place = transform(inverse(poses[0]), first)
+    over = np.log(np.ravel(merged.points.colour) / rings(place, seed))
+    off = np.abs(over - np.median(over))
+    assert np.median(off) < 0.03
+    kept = off < 0.3
+    slope = np.polyfit(place[kept, 2], over[kept], 1)[0]
+    assert abs(slope) * np.ptp(place[:, 2]) < 0.1
 
 
 def test_seams_stay_away_in_brightness_and_under_a_bent_response():

@@ -292,7 +292,23 @@ def test_one_inverted_bit_is_named(bit):
         fw.decode(noisy(true), PatternPlan(480, 300, (code, *light)))
 
 
-@pytest.mark.parametrize(("planned", "shows"), [(24.0, 16.0), (24.0, 20.0), (12.0, 8.0)])
+@pytest.mark.parametrize("axis", ["x", "y"])
+@pytest.mark.parametrize("says", [False, True])
+def test_the_first_bit_of_one_code_of_two(axis, says):
+    """The message says what to write, also where the plan says that bits are the other way."""
+    codes = {a: gray(1.0, axis=a, least_first=says and a == axis) for a in "xy"}
+    shows = {a: gray(1.0, axis=a, least_first=(not says) and a == axis) for a in "xy"}
+    plan, true = (PatternPlan(480, 300, tuple(c.values())) for c in (codes, shows))
+    with pytest.raises(fw.FramesContradictPlan) as refused:
+        fw.decode(noisy(true), plan)
+    word, which = ("false", "most") if says else ("true", "least")
+    assert f"the Gray code along {axis} begins with its {which} significant" in str(refused.value)
+    assert f"write least_first = {word} in the Gray code along {axis} of" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("planned", "shows"), [(24.0, 16.0), (24.0, 20.0), (12.0, 8.0), (12.0, 13.0)]
+)
 def test_cells_that_the_plan_does_not_say_are_named(planned, shows):
     """As many bits, but other cells: the fringes at the borders tell their width."""
     fringes = PhaseSteps("x", 24.0, equal_steps(4))
@@ -322,6 +338,65 @@ def test_cells_that_fit_the_number_of_frames_are_named(shots, step):
     # A gap in the names tells which frame is missing: no other cells are looked for.
     (shots / "3.png").unlink()
     assert "the number fits" not in run("decode", shots, code=2).stderr
+
+
+@pytest.mark.parametrize("fringes", [(), (PhaseSteps("x", 24.0, equal_steps(4)),)])
+def test_another_number_of_frames_of_exchanged_sides(fringes):
+    """Some programs take the height first: the code then has another number of bits."""
+    step = 12.0 if fringes else 2.0
+    true = PatternPlan(480, 200, (*fringes, GrayCode("x", step, 480)))
+    wrong = PatternPlan(200, 480, (*fringes, GrayCode("x", step, 200)))
+    said = r"width and height of the projector are exchanged \(480 columns and 200 rows\)"
+    with pytest.raises(fw.FramesContradictPlan, match=said):
+        fw.decode(shown(true), wrong)
+    # A projector that is wider than high is taken as it is.
+    with pytest.raises(fw.FramesContradictPlan) as refused:
+        fw.decode(shown(wrong), true)
+    assert "exchanged" not in str(refused.value)
+
+
+PLANS = [
+    PLAN,
+    PatternPlan(480, 300, (gray(1.0),)),
+    PatternPlan(480, 300, (PhaseSteps("x", 24.0, equal_steps(4)), gray(12.0))),
+]
+
+
+@pytest.mark.parametrize("plan", PLANS, ids=["fringes", "code", "both"])
+def test_frames_that_do_not_change_are_said(plan):
+    """One file copied, or a camera that did not see the projector."""
+    rng = np.random.default_rng(1)
+    scene = np.clip(100 + 40 * rng.standard_normal((100, 120)), 0, 255)
+    same = [scene.astype(np.uint8)] * plan.frames
+    with pytest.raises(fw.FramesContradictPlan, match=f"all {plan.frames} are equal in every co"):
+        fw.decode(same, plan)
+    if isinstance(plan.blocks[0], PhaseSteps):
+        noisy = [np.rint(scene / 2 + rng.normal(0, 2, scene.shape)) for _ in same]
+        with pytest.raises(fw.InputError, match="was the projector on and in view"):
+            fw.decode([np.clip(f, 0, 255).astype(np.uint8) for f in noisy], plan)
+
+
+def test_two_results_of_a_command_have_two_names(shots, tmp_path):
+    both = tmp_path / "a.pdf"
+    done = run("decode", shots, "--figure", both, "--report", tmp_path / "." / "a.pdf", code=2)
+    assert "--figure and --report would write the same file" in done.stderr
+    assert not both.exists()
+    (shots / "truth.npz").write_text("mine")
+    done = run("decode", shots, "--out", shots / "truth.npz", code=2)
+    assert "--out would replace what" in done.stderr
+    assert (shots / "truth.npz").read_text() == "mine"
+
+
+def test_masked_frames_are_not_written(tmp_path):
+    frames = [np.ma.array(frame) for frame in shown(PLAN)]
+    frames[1][3, 3] = np.ma.masked
+    for call in (
+        lambda: fw.files.write_stack(tmp_path / "new", frames, PLAN),
+        lambda: fw.files.write_frame(tmp_path / "one.png", frames[1]),
+    ):
+        with pytest.raises(fw.InputError, match="expected an array without a mask of NumPy"):
+            call()
+    assert not (tmp_path / "one.png").exists()
 
 
 def test_one_photograph_given_twice_is_said():

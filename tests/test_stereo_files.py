@@ -75,6 +75,22 @@ def test_names_of_opencv_s_documentation(tmp_path, suffix):
         read_stereo_rig(path)
 
 
+@pytest.mark.parametrize("suffix", [".yml", ".xml", ".json"])
+def test_sizes_that_opencv_writes_as_arrays(tmp_path, suffix):
+    """OpenCV 5 writes an array of one dimension in another way than a matrix."""
+    names = {"M1": K1, "D1": D1.ravel(), "M2": K2, "D2": D2.ravel(), "R": R, "T": T.ravel()}
+    path = storage(tmp_path / f"stereo{suffix}", **names, imageSize=np.array(SIZES[0]))
+    found = read_stereo_rig(path)
+    assert [camera.shape for camera in found.cameras] == [SIZES[0][::-1]] * 2
+    assert np.abs(found.T_camera_first[1] - POSE).max() < 1e-6
+
+
+def test_a_missing_size_says_how_to_state_it(tmp_path):
+    path = storage(tmp_path / "s.yml", M1=K1, D1=D1, M2=K2, D2=D2, R=R, T=T)
+    done = run("rig", "convert", path, "--cameras", "--out", tmp_path / "r.toml", code=2)
+    assert "rig convert --camera-size 1280x1024" in done.stderr
+
+
 def test_json_of_left_and_right(tmp_path):
     flat = {
         "camera_matrix_left": K1.tolist(),

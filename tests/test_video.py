@@ -142,6 +142,23 @@ def test_without_opencv_a_video_says_what_to_install(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("seed", range(5))
+def test_still_parts_beside_key_frames(seed):
+    """Compressed: a key frame changes a still picture 50 times as much as the other frames."""
+    rng = np.random.default_rng(200 + seed)
+    frames = []
+    for k in range(9):
+        scene = np.rint(120 + 80 * np.cos(np.arange(90) / 5 + 2.1 * k) * np.ones((60, 1)))
+        frames += [scene] * 6
+    at = rng.choice([k for k in range(54) if 0 < k % 6 < 5], 4, replace=False)
+    for k in at:
+        end = k // 6 * 6 + 6
+        key = rng.choice([-1, 0, 1], frames[k].shape)
+        frames[k:end] = [f + key for f in frames[k:end]]
+    parts = still_parts(np.array(frames).astype(np.uint8), 9)
+    assert parts == [(6 * k, 6 * k + 5) for k in range(9)]
+
+
+@pytest.mark.parametrize("seed", range(5))
 def test_still_parts_in_noise(seed):
     """Parts of random lengths, with noise that differs from scene to scene."""
     rng = np.random.default_rng(100 + seed)

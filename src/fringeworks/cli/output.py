@@ -289,6 +289,18 @@ def refuse_inputs(given: Mapping[str, Any]) -> None:
         option = _check_suffix(name, path)
         if any(_reads(source, path) for source in read):
             raise fw.FileProblem(f"{path}: {option} would replace what this command reads")
+    _refuse_twice(targets)
+
+
+def _refuse_twice(targets: Mapping[str, Any]) -> None:
+    """Refuse two results of a command under one name: the second would replace the first."""
+    named: dict[Path, str] = {}
+    for name, path in targets.items():
+        if isinstance(path, Path) and not is_stdout(path):
+            other = named.setdefault(path.resolve(), name)
+            if other != name:
+                options = " and ".join(f"--{key.removesuffix('_file')}" for key in (other, name))
+                raise fw.FileProblem(f"{path}: {options} would write the same file")
 
 
 def _paths_in(value: Any) -> list[Path]:
@@ -327,9 +339,10 @@ def _reads(source: Path, path: Path) -> bool:
         return True
     if here not in there.parents or not there.is_file():
         return False
+    from fringeworks.files.capture_writer import TRUTH_FILE
     from fringeworks.files.images import IMAGE_SUFFIXES
 
-    return there.suffix.lower() in (*IMAGE_SUFFIXES, ".toml", ".npy")
+    return there.suffix.lower() in (*IMAGE_SUFFIXES, ".toml", ".npy") or there.name == TRUTH_FILE
 
 
 def head_fields(given: Sequence[str] | None) -> dict[str, str]:

@@ -49,9 +49,22 @@ class BayerImage:
         self.shape = (*raw.shape, 3)
 
     @property
+    def channels(self) -> NDArray[np.intp]:
+        """Channels of the filters of the first two rows and columns: 0 red, 1 green, 2 blue."""
+        return np.asarray(np.array(CHANNEL_OF)[self._pattern], np.intp)
+
+    @property
     def mosaic(self) -> str:
         """Filters of the first two pixels of the first row and of the second, as "rggb"."""
         return "".join("rgb"[CHANNEL_OF[int(k)]] for k in self._pattern.ravel())
+
+    def own(self, rows: slice) -> NDArray[np.float32]:
+        """Counts of rows of pixels through their own filters, (n, w), from 0 in the dark."""
+        # Of the pattern, the rows and columns of this part.
+        place = np.ix_(np.arange(rows.start, rows.stop) % 2, np.arange(self.shape[1]) % 2)
+        counts = self._raw[rows] - self._black[place]
+        counts *= self._scale[place]
+        return np.asarray(np.clip(counts, 0, LARGEST, out=counts), np.float32)
 
     def counts_at(self, row: int, column: int) -> NDArray[np.uint16]:
         """Counts of every second pixel from a row and a column on, from 0 in the dark; of frames
@@ -67,8 +80,7 @@ class BayerImage:
         first, last = max(start - 1, 0), min(stop + 1, self.shape[0])
         # Of the pattern, the rows and columns of this part.
         v, u = np.arange(first, last) % 2, np.arange(self.shape[1]) % 2
-        counts = self._raw[first:last] - self._black[np.ix_(v, u)]
-        np.clip(counts * self._scale[np.ix_(v, u)], 0, LARGEST, out=counts)
+        counts = self.own(slice(first, last))
         channel = np.array(CHANNEL_OF)[self._pattern][np.ix_(v, u)]
         out = np.empty((last - first, self.shape[1], 3), np.uint16)
         for c in range(3):

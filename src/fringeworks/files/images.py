@@ -40,6 +40,7 @@ from fringeworks.types import (
     InputError,
     sealed,
 )
+from fringeworks.types.checks import unmasked
 
 Result = TypeVar("Result")
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".pgm", ".ppm")
@@ -582,7 +583,7 @@ def write_frame(path: StrPath, frame: NDArray[Any]) -> None:
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    native = np.ascontiguousarray(frame, frame.dtype.newbyteorder("="))
+    native = np.ascontiguousarray(unmasked(frame, "frame"), frame.dtype.newbyteorder("="))
     with replacing(path) as temporary:
         if suffix in TIFF_SUFFIXES:
             import tifffile

@@ -34,6 +34,8 @@ MAP_SIZE = re.compile(rb"rows\W{1,12}(\d{1,6})\W[\s\S]{0,40}?cols\W{1,12}(\d{1,6
 """Rows and columns of a matrix as OpenCV writes it."""
 MATRIX_KEYS = {"rows", "cols", "data"}
 """Keys of a matrix as OpenCV writes it."""
+ARRAY_KEYS = {"sizes", "dt", "data"}
+"""Keys of an array of one dimension or more than two as OpenCV 5 writes it."""
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?"
 """A number as MATLAB writes it."""
 ASSIGNED = re.compile(
@@ -115,6 +117,8 @@ def _flat(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
         yield name, value
     elif value.keys() >= MATRIX_KEYS:
         yield name, _matrix(value["rows"], value["cols"], value["data"])
+    elif value.keys() >= ARRAY_KEYS:
+        yield name, value["data"]
     elif depth < MAX_NESTING:
         for key, inner in value.items():
             yield from _flat(f"{name}.{key}" if name else str(key), inner, depth + 1)

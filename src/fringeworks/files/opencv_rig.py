@@ -175,7 +175,10 @@ def parse_opencv(
     for device, given in (("camera", camera_size), ("projector", projector_size)):
         size = _size(storage, names, device, present) or given
         if size is None:
-            raise InputError(f"missing {device}_size: columns and rows of the {device}")
+            raise InputError(
+                f"missing {device}_size: columns and rows of the {device}; read_rig(…, "
+                f"{device}_size=…) or rig convert --{device}-size 1280x1024 state it"
+            )
         K = found[f"{device}_matrix"].reshape(3, 3)
         devices.append(pinhole_from(device, K, found[f"{device}_distortion"], size))
     T = np.eye(4)

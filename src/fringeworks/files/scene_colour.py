@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks._lazy import scipy
 from fringeworks.files.bayer_image import BayerImage
+from fringeworks.files.mosaic_colour import MosaicColour
 from fringeworks.signal.bands import row_bands
 from fringeworks.statistics.chi_square import chi_square_quantile
 from fringeworks.types import CameraNoise, FloatMap
@@ -68,7 +69,8 @@ class SceneColour:
     Where other shares s of the channels are kept, with the light S_n = Σ s_c I_nc, they give the
     scale: T = Σ w_n S_n / Σ w_n, r_c = Σ L_n I_nc / Σ L_n S_n, whose divisor is Σ s_c Σ L_n I_nc.
     The error of a_c is within 6 % of the smallest possible one (tests/test_scene_colour.py). Images
-    with a channel at the limit of its type are left out of r_c at that pixel.
+    with a channel at the limit of its type are left out of r_c at that pixel. Behind a mosaic of
+    filters, ``MosaicColour`` adds up the light of each pixel's own filter instead.
     """
 
     def __init__(
@@ -90,6 +92,7 @@ class SceneColour:
         self._failed = not weights
         self._kind: np.dtype[Any] = np.dtype(np.float32)
         self._shape: tuple[int, ...] = ()
+        self._mosaic: MosaicColour | None = None
         self._even: NDArray[np.float32] = np.zeros((0, 0), np.float32)
         self._products = self._even
         self._samples: list[NDArray[np.float32]] = []
@@ -113,14 +116,24 @@ class SceneColour:
         shape = (*image.shape[:2], COLOURS)
         if not self._shape:
             self._shape, self._kind = shape, image.dtype
+            if isinstance(image, BayerImage):
+                total = sum(self._weights.values())
+                self._mosaic = MosaicColour(shape[:2], image.channels, total, self._limit)
+            else:
+                self._products = np.zeros(shape, np.float32)
             if self._own_light:
                 self._even = np.zeros(shape[:2], np.float32)
-            self._products = np.zeros(shape, np.float32)
+        if isinstance(image, BayerImage) is (self._mosaic is None):
+            self._failed = True
+            return
         if (shape, image.dtype) != (self._shape, self._kind):
             self._failed = True  # other sizes and types are refused elsewhere
             return
-        step = max(1, int(np.sqrt(shape[0] * shape[1] / SAMPLED_PX)))
         even = np.float32(self._weights.get(number, 0.0))
+        if isinstance(image, BayerImage) and self._mosaic is not None:
+            self._mosaic.add(image, float(even), self._even)
+            return
+        step = max(1, int(np.sqrt(shape[0] * shape[1] / SAMPLED_PX)))
         sample = []
         # A band of the image as floats, its luminance, and a product.
         for band in row_bands(shape[:2], 4 * (COLOURS + 2)):
@@ -161,6 +174,11 @@ class SceneColour:
         """
         if not self.known:
             return None
+        if self._mosaic is not None:
+            noise = self._mosaic.noise()
+            self._mosaic.settle(lambda rows: self._even_light(light, rows))
+            self._even = self._products
+            return self._mosaic.colour(noise)
         found = self._products
         for band in row_bands(self._shape[:2], 4 * COLOURS):
             rows = band.rows
@@ -187,6 +205,8 @@ class SceneColour:
 
     def noise(self) -> tuple[CameraNoise, CameraNoise, CameraNoise] | None:
         """Noise of the colour's red, green and blue; None where the images do not tell it."""
+        if self.known and self._mosaic is not None:
+            return self._mosaic.noise()
         if not self.known or self._count != len(self._samples) or self._count < LEAST_FRAMES:
             return None
         weights = np.array([self._weights.get(k, 0.0) for k in range(self._count)])

@@ -489,7 +489,7 @@ def images_of(folder: Path) -> list[Path]:
         if arrays:
             raise FileProblem(
                 f"{folder}: expected images ({', '.join(suffixes)}), got {kinds[arrays[0]]} "
-                f"{arrays[0]} files; give one file that holds all frames, (n, h, w)"
+                f"{arrays[0]} files; give one file that holds all frames, (n, h, w), as the capture"
             )
     if len(found) == 1 and found[0].suffix.lower() in TIFF_SUFFIXES:
         raise FileProblem(

@@ -279,7 +279,10 @@ class _Numbers:
         if given is None and None not in found:
             return [size for size in found if size is not None]
         if given is None:
-            raise InputError("missing camera_size: columns and rows of the cameras' frames")
+            raise InputError(
+                "missing camera_size: columns and rows of the cameras' frames; "
+                "read_stereo_rig(…, camera_sizes=…) or rig convert --camera-size 1280x1024 state it"
+            )
         for number, (told_size, size) in enumerate(zip(found, given, strict=True), 1):
             if told_size not in (None, tuple(size)):
                 raise InputError(

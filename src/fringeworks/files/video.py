@@ -20,6 +20,9 @@ CPU_SECONDS = 300
 """Processor time that decoding may take; a minute of Full HD takes about 20 s."""
 SAMPLED_PX = 40_000
 """Pixels in which the change from frame to frame is measured: their mean has little noise."""
+LEAST_CHANGE = 0.1
+"""Smallest mean change from frame to frame that counts, counts: one count at a tenth of the pixels,
+as rounding makes it. Where a video repeats frames to the last bit, any change is far above 0."""
 SHOWN_NUMBERS = 4
 """Numbers of frames that a note lists."""
 
@@ -85,14 +88,24 @@ def still_parts(frames: NDArray[Any], count: int) -> list[tuple[int, int]]:
 
     The change between frames of different patterns is far above that of a still picture. The limit
     lies at the geometric mean of the usual change and of the one that ``count`` patterns need.
+    Where this gives another number of parts, the limit lies in the widest gap between changes: a
+    key frame of a compressed video changes a still picture far more than usual.
     """
     changes = _changes(frames)
     if len(changes) < count or count < 2:
         return [(0, len(frames) - 1)]
     usual = max(float(np.median(changes)), 1e-6)
     needed = float(np.sort(changes)[-(count - 1)])
-    moved = changes > np.sqrt(usual * max(needed, usual))
-    ends = np.concatenate(([-1], np.flatnonzero(moved), [len(frames) - 1]))
+    parts = _parts(changes, np.sqrt(usual * max(needed, usual)))
+    ordered = np.maximum(np.sort(changes), max(usual, LEAST_CHANGE))
+    widest = int(np.argmax(ordered[1:] / ordered[:-1]))
+    by_gap = _parts(changes, np.sqrt(ordered[widest] * ordered[widest + 1]))
+    return by_gap if len(parts) != count == len(by_gap) else parts
+
+
+def _parts(changes: NDArray[np.float64], limit: float) -> list[tuple[int, int]]:
+    """First and last frame of the parts within which no change is above a limit."""
+    ends = np.concatenate(([-1], np.flatnonzero(changes > limit), [len(changes)]))
     parts = [(int(a) + 1, int(b)) for a, b in pairwise(ends)]
     # A frame between two changes shows one pattern fading into the next.
     return [(first, last) for first, last in parts if last > first]

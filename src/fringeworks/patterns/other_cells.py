@@ -14,9 +14,10 @@ FACTORS = (2.0, 0.5, 4.0, 0.25)
 
 
 def cells_for_count(plan: PatternPlan, count: int) -> str:
-    """Cells with which a plan has as many frames as there are, as the end of a message.
+    """What a plan with as many frames as there are would say, as the end of a message.
 
-    Empty where none of few factors does it. Where two axes have a code, both change first.
+    Width and height of the projector may be exchanged, or cells have another width, by few factors;
+    empty where neither does it. Where two axes have a code, both change first.
 
     Examples
     --------
@@ -26,11 +27,34 @@ def cells_for_count(plan: PatternPlan, count: int) -> str:
     """
     codes = [block for block in plan.blocks if isinstance(block, GrayCode)]
     groups = [codes, *([code] for code in codes if len(codes) > 1)]
-    for group in groups:
-        for factor in FACTORS:
-            if group and _frames(plan, group, factor) == count:
-                return f"; the number fits this plan if {' and '.join(_told(group, factor))}"
-    return ""
+    fitting = []
+    # Projectors are wider than high: only then may the plan have them exchanged.
+    if codes and plan.width_px < plan.height_px and _exchanged(plan) == count:
+        size = f"{plan.height_px} columns and {plan.width_px} rows"
+        fitting.append(f"width and height of the projector are exchanged ({size})")
+    cells = (
+        " and ".join(_told(group, factor))
+        for group in groups
+        for factor in FACTORS
+        if group and _frames(plan, group, factor) == count
+    )
+    fitting += [text for text in (next(cells, ""),) if text]
+    return f"; the number fits this plan if {', or if '.join(fitting)}" if fitting else ""
+
+
+def _exchanged(plan: PatternPlan) -> int | None:
+    """Number of frames with width and height of the projector exchanged; None where there is no
+    such plan."""
+    other = {"x": plan.height_px, "y": plan.width_px}
+    try:
+        blocks = tuple(
+            replace(block, length_px=other[block.axis]) if isinstance(block, GrayCode) else block
+            for block in plan.blocks
+        )
+        exchanged = replace(plan, width_px=plan.height_px, height_px=plan.width_px, blocks=blocks)
+        return exchanged.frames
+    except InputError:
+        return None
 
 
 def _told(codes: list[GrayCode], factor: float) -> list[str]:

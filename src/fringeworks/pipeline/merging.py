@@ -255,7 +255,10 @@ def _without_blur(
     if blur_px is None and rig.blur is None and board is not None:
         blur_px = board_pose(clouds[0], board).blur_px
     if blur_px is None and rig.blur is None:
-        raise InputError("rig: expected blur_px, or a board with squares to measure the blur by")
+        raise InputError(
+            "rig: it has no blur of the camera; blur_px (merge --blur-px) states it, or a board "
+            "with squares measures it"
+        )
     sharp = [
         c if c.blur_mm is not None else remove_blur(c, rig, blur_px, removed_px=_removed(c))
         for c in clouds

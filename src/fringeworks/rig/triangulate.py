@@ -395,7 +395,8 @@ def _refuse_nothing(results: dict[str, Any]) -> tuple[float, float]:
     if decoded and apart > MAX_APART * decoded:
         raise RigMismatch(
             f"rig: rays of camera and projector pass each other in {apart / decoded:.0%} of the "
-            "pixels: it does not belong to this capture, or a device was moved since"
+            "pixels: it does not belong to this capture, the plan says other patterns than were "
+            "shown, or a device was moved since"
         )
     if results["residual"] is None or not decoded:
         return 0.0, 0.0
@@ -407,6 +408,7 @@ def _refuse_nothing(results: dict[str, Any]) -> tuple[float, float]:
         raise RigMismatch(
             f"rig: {lost:.0%} of the decoded pixels give no point, and the epipolar error is "
             f"{usual:.2g} px (median): it does not belong to this capture, the frames are mirrored "
-            "or of another sensor, or a device was moved since"
+            "or of another sensor, the plan says other patterns than were shown, or a device was "
+            "moved since"
         )
     return usual, float(np.sqrt(np.mean(error**2))) if error.size else 0.0

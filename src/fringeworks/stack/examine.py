@@ -148,7 +148,7 @@ def examine(
     InputError
         If the frames contradict the plan, for example because two of them are swapped.
     """
-    findings: list[Finding] = []
+    _refuse_all_equal(plan, sample.points)
     # A response was measured with the real steps: it contains the ripple that they make.
     estimate_steps &= not any(s.table_turns for d in decodings.values() for s in d.sets)
     level = limits.saturation if limits.given else saturation_level(decodings, sample)
@@ -158,7 +158,7 @@ def examine(
     unknown, limits = limits, _limits(decodings, sample, limits, rough, level)
     known = Known(rough, limits, estimate_steps)
     told = unknown.given or limits.saturation == unknown.saturation
-    findings += words.saturated(sample.points, limits, rough, plan.labels(), told)
+    findings = [*words.saturated(sample.points, limits, rough, plan.labels(), told)]
     with saturation_first(findings):
         decodings = _ordered(plan, sample, decodings, known, findings, moves=moves)
         planned = decodings
@@ -188,6 +188,17 @@ def examine(
         for axis_found in found.values():
             findings += axis_found.findings
     return Judgement(noise, limits, found, tuple(findings))
+
+
+def _refuse_all_equal(plan: PatternPlan, points: Sequence[NDArray[Any]]) -> None:
+    """Refuse frames that are all equal in every count of a sample, but show something."""
+    first = points[0]
+    if np.nanmin(first) < np.nanmax(first) and all(np.array_equal(first, p) for p in points[1:]):
+        raise FramesContradictPlan(
+            f"frames: all {plan.frames} are equal in every count; expected the patterns of the "
+            "plan (one file was copied, the camera sent the same frame again, or the projector did "
+            "not change)"
+        )
 
 
 def _limits(

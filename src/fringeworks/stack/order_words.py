@@ -40,11 +40,24 @@ def in_words_of(plan: PatternPlan) -> Iterator[None]:
             text = text.replace(LISTED, f"; write {_listed(found)} in plan.toml, {where}")
         for key, opposite in OPPOSITES.items():
             text = text.replace(PHRASES[key], opposite) if now[key] else text
+        text = _of_one_axis(text, plan)
         if any(now.values()):
             text += f"; this plan says {_listed({key: True for key in now if now[key]})}"
         if text == str(error):
             raise
         raise type(error)(text) from error
+
+
+def _of_one_axis(text: str, plan: PatternPlan) -> str:
+    """A message about a Gray code whose bits come from the other end, with what its plan says."""
+    for code in plan.blocks:
+        of_code = f"the Gray code along {getattr(code, 'axis', '')} begins with its"
+        if isinstance(code, GrayCode) and f"{of_code} least" in text:
+            if code.least_first:
+                text = text.replace(f"{of_code} least", f"{of_code} most")
+            first = "false" if code.least_first else "true"
+            text += f"; write least_first = {first} in the Gray code along {code.axis} of plan.toml"
+    return text
 
 
 def _said(plan: PatternPlan) -> dict[str, bool]:

@@ -30,6 +30,9 @@ from fringeworks.types.finding import LEFT_OUT
 MIN_MEASURED = 0.02
 """Share of the pixels with fringes that must be measured, at least. The few that pass every test
 where nearly all others fail may have passed by chance. An empirical choice."""
+ALL_DARK = 0.99
+"""Share of pixels in shadow from which on no light of the projector is seen: noise alone makes a
+pixel look lit once in a hundred."""
 
 
 @contextmanager
@@ -125,7 +128,18 @@ def _lacking_in_words(
     got = "none" if found.reason.all() else "hardly any"
     return (
         f"along {axis}: expected pixels that can be measured, got {got}: {reasons}"
-        f"{_lacking_margin(found, refined.decoding, noise)}"
+        f"{_lacking_light(found)}{_lacking_margin(found, refined.decoding, noise)}"
+    )
+
+
+def _lacking_light(found: CoordinateMap) -> str:
+    """What to look for where hardly a pixel changes with the patterns; empty elsewhere."""
+    dark = np.count_nonzero(found.reason == Reason.SHADOW)
+    if dark < ALL_DARK * found.reason.size:
+        return ""
+    return (
+        " (hardly a pixel changes from frame to frame by more than noise: was the projector on and "
+        "in view, and did every frame wait for its pattern?)"
     )
 
 

@@ -229,13 +229,16 @@ def _convention(
     if borders < FEWEST:
         return planned
     few = slice(None, None, max(1, borders // MOST_BORDERS))
-    rate, _ = rate_of(at_border[few], turns[few], sign, SEARCHED)
-    if rough != 1.0 and seen(rate).scatter_turns > ALIKE_TURNS:
-        rate, _ = rate_of(at_border[few], turns[few], sign * rough, SEARCHED * rough)
-    fitted, spread = seen(rate), float(np.std(turns))
+    # A rate just beyond the search scatters little at its end: the rough one is tried as well.
+    fits = [
+        seen(rate_of(at_border[few], turns[few], sign * near, SEARCHED * near)[0])
+        for near in ((1.0, rough) if rough != 1.0 else (1.0,))
+    ]
+    fitted, spread = min(fits, key=lambda fit: fit.scatter_turns), float(np.std(turns))
     error = float(np.hypot(fitted.start_error, AT_BORDER_TURNS)) / max(spread, SMALLEST)
     at_edge = np.hypot(fitted.start_error, float(np.mean(turns)) * error)
-    other = abs(rate - sign) > CLEAR_SIGMAS * error and fitted.scatter_turns < ALIKE_TURNS
+    rate = fitted.planned_px / fitted.period_px
+    other = abs(rate - 1.0) > CLEAR_SIGMAS * error and fitted.scatter_turns < ALIKE_TURNS
     # What moved between the code and the fringes may look stretched, but hardly from the edge on.
     fixed = abs(fitted.start_turns - fitted.usual_start) < SNAP_TURNS + CLEAR_SIGMAS * at_edge
     return fitted if other and fixed else planned

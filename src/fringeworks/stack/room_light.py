@@ -16,6 +16,7 @@ from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.frames import Planes
 from fringeworks.stack.gray_frames import MIN_LEVEL_PIXELS
 from fringeworks.stack.gray_light import codes_of_two_levels
+from fringeworks.statistics.quantiles import median
 from fringeworks.types import Finding, FloatMap
 from fringeworks.types.numbers import percent
 
@@ -56,7 +57,7 @@ BLUR = 0.2
 """Usual m, which counts where all pixels have the same share of the room's light, so that the lines
 have no slope to see."""
 
-FITS = 3
+FITS = 2
 """Fits of the lines, each without the outliers of the one before."""
 
 OUTLIERS = 4.0
@@ -235,16 +236,17 @@ def _of_frame(
     if not some_dark:  # light of the room and of the projector change alike
         change = float(np.median((samples / (dark + 1.0))[lit]))
         return change, change, False
-    design = np.column_stack((dark, ~lit, lit))
-    priors = np.array([[1.0 / ALIKE, -1.0 / ALIKE, -1.0 / ALIKE], [0.0, 1.0 / BLUR, 0.0]])
-    kept = np.ones(lit.size, bool)
+    design: FloatMap = np.column_stack((dark, ~lit, lit)).astype(np.float64)
+    priors: FloatMap = np.array([[1.0 / ALIKE, -1.0 / ALIKE, -1.0 / ALIKE], [0.0, 1.0 / BLUR, 0.0]])
+    kept, found = np.ones(lit.size, bool), np.zeros(3)
     for _ in range(FITS):
+        used, seen = design[kept], samples[kept]
         # Levels are as wrong as samples, and alike at many pixels: these count as one.
-        unit = SCATTER * float(np.count_nonzero(kept)) ** 0.5
-        rows = np.vstack((design[kept] / unit, priors))
-        found = np.linalg.lstsq(rows, np.append(samples[kept] / unit, (0.0, 0.0)), rcond=None)[0]
+        unit = SCATTER**2 * len(used)
+        normal = used.T @ used / unit + priors.T @ priors
+        found = np.linalg.solve(normal, used.T @ seen / unit)
         off = np.abs(samples - design @ found)
-        kept = off <= OUTLIERS * max(float(np.median(off)), SCATTER)
+        kept = off <= OUTLIERS * max(median(off), SCATTER)
     return float(found[0]), float(found[1] + found[2]), True
 
 

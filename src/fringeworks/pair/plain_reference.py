@@ -131,7 +131,7 @@ def plain_reference(frame: FloatMap, usable: BoolMap, pair: Pair) -> PlainRefere
         )
     search = given is None
     blocks = cut_blocks(frame, usable, carrier)
-    plane = _start(blocks, frame.shape, search=search)
+    plane = _start(blocks, frame.shape, carrier, search=search)
     plane, member, _ = _fit(blocks, plane, search=search)
     if search:
         _check_rim(plane, blocks)
@@ -169,14 +169,14 @@ def _robust(off: FloatMap, spread: float) -> FloatMap:
     return np.asarray(1.0 / (1.0 + (off / (ROBUST * spread)) ** 2))
 
 
-def _start(blocks: Blocks, shape: tuple[int, int], *, search: bool) -> Plane:
+def _start(blocks: Blocks, shape: tuple[int, int], carrier: Carrier, *, search: bool) -> Plane:
     """The plane that most blocks share; with ``search``, of those along the rim of the frame."""
     terms = PLANE_TERMS if min(shape) >= MIN_PERSPECTIVE_SIDE else 3
     if blocks.u.size < terms:
         raise InputError(
             f"background: expected fringes in {terms} places or more, got {blocks.u.size}"
         )
-    scale = float(np.ptp(blocks.phase)) or 1.0
+    scale = TURN * shape[1] / carrier.period_px
     plane = Plane(float(blocks.phase.mean()), scale, np.zeros(terms))
     if search:
         return _on_the_rim(blocks, plane)

@@ -13,6 +13,8 @@ from fringeworks import InputError, Pair, analyse, methods, reconstruct
 from fringeworks.files import read_capture, write_pair
 from fringeworks.pair.prepared import prepare
 from tests.conftest import scene, true_displacement
+from tests.shared import shared
+from tests.two_frames import Bench, dome
 
 
 def single(**changes):
@@ -89,6 +91,49 @@ def test_a_plane_in_perspective_is_flat():
     away = (np.hypot(x - 150, y - 120) > 90) & (x > 20) & (x < 280)
     assert np.nanmax(np.abs(measured.phase_rad[away])) < 0.15
     assert measured.phase_rad[120, 150] == pytest.approx(3.0, abs=0.4)
+
+
+@shared
+def in_perspective():
+    """An object frame of a ray-caster, the true displacement and the lit pixels."""
+    one = Bench(shape=(160, 220), beside=200.0, projector_height=450.0, roll=4.0, period=11.0)
+    _, frame, truth, lit = one.pair(dome(26.0, 9.0))
+    return frame, truth, lit
+
+
+@pytest.mark.parametrize("given", [False, True])
+def test_sigma_covers_the_plane_in_perspective(given):
+    frame, truth, lit = in_perspective()
+    background = lit & (np.abs(truth) < 1e-3)
+    found = analyse(Pair(None, frame, background=background if given else None), "fourier")
+    error = np.abs(found.displacement_px - truth)
+    assert np.nanmedian(error[background]) < 0.008
+    for part in (background, lit & ~background):
+        assert np.nanmean(error[part] < 2.0 * found.sigma_px[part]) > 0.9
+
+
+LENS = 0.01
+"""Displacement of the frame's edge by a lens, as a share of half its width."""
+
+
+@pytest.mark.parametrize("seen", ["around", "on one side"])
+def test_a_given_background_may_be_bent_by_a_lens(seen):
+    y, x = np.mgrid[:160, :220].astype(float)
+    u, v = (x - 110) / 110, (y - 80) / 110
+    place = x + LENS * 110 * u * (u * u + v * v)
+    phase = 2 * np.pi * (place / 12.0 + 0.002 * y) / (1 + 6e-4 * x - 2e-4 * y)
+    bump = 2.0 * np.exp(-((x - 130) ** 2 + (y - 80) ** 2) / 500)
+    noise = np.random.default_rng(2).standard_normal(x.shape)
+    frame = np.rint(100 + 80 * np.cos(phase - bump) + noise)
+    background = (bump < 1e-4) if seen == "around" else x < 70
+    found = analyse(Pair(None, frame, background=background), "fourier")
+    inner = np.s_[8:-8, 12:-12]
+    error = np.abs(found.phase_rad - bump)[inner]
+    sigma = found.sigma_px[inner] * 2 * np.pi / found.period_px
+    assert np.nanmean(error < 2.0 * sigma) > 0.9
+    if seen == "around":
+        assert np.nanmedian(error) < 0.02
+        assert np.nanmedian(sigma) < 0.03
 
 
 def test_notes_and_files(tmp_path):

@@ -144,12 +144,12 @@ again: $(VENV)/.ready
 
 # What was built and what ran on each platform, as docs/platforms.md: the wheels in WHEELS are looked at, and installed into an empty
 # environment of each of PYTHONS; TARGETS are built first, with zig, and EMULATE runs Python of another machine, as in
-# EMULATE='aarch64=qemu-aarch64 -L /arm /arm/usr/bin/python3.11' or 'musl-x86_64=/musl/bin/python3.11'.
+# EMULATE='aarch64=qemu-aarch64 -L /arm /arm/usr/bin/python3.11' or 'musl-x86_64=/musl/bin/python3.11'. The notebook takes the sample data.
 WHEELS ?= dist
 PYTHONS ?= $(PYTHON)
-platforms: $(RELEASE_VENV)/.ready
+platforms: $(RELEASE_VENV)/.ready samples
 	for target in $(TARGETS); do PATH=$(RELEASE_VENV)/bin:$$PATH $(RELEASE_VENV)/bin/python release/build.py --target $$target --out $(WHEELS) || exit 1; done
-	$(RELEASE_VENV)/bin/python release/platforms.py --wheels $(WHEELS) --pythons $(PYTHONS) $(if $(EMULATE),--emulate "$(EMULATE)")
+	FRINGEWORKS_SAMPLES=$(CURDIR)/samples $(RELEASE_VENV)/bin/python release/platforms.py --wheels $(WHEELS) --pythons $(PYTHONS) $(if $(EMULATE),--emulate "$(EMULATE)")
 
 # The sample data of a release in samples/: an archive whose hash the package knows, or an error.
 samples: $(VENV)/.built

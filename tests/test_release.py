@@ -15,6 +15,8 @@ import pytest
 import yaml
 
 import fringeworks
+from tests.page_code import blocks
+from tests.walk import PAGES, commands, examples
 
 ROOT = Path(__file__).parent.parent
 
@@ -343,3 +345,10 @@ def test_pages_say_what_they_were_last_tried_with():
         assert all((ROOT / "tests" / name).exists() for name in one["tests"]), one["tests"]
         assert one["tests"]
     assert {page.name for page in (ROOT / "docs").glob("hour-*.md")} <= set(pages)
+    shown = [
+        page
+        for page in PAGES
+        if ROOT / "docs" in page.parents
+        if blocks(page) or examples(text := page.read_text("utf-8")) or commands(text)
+    ]
+    assert {page.relative_to(ROOT / "docs").as_posix() for page in shown} <= set(pages)

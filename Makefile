@@ -166,10 +166,10 @@ pages: theory
 	PATH=$(BIN):$$PATH $(BIN)/mike set-default --allow-undefined $(if $(PUSH),--push) $(or $(ALIAS),latest)
 
 # Known weaknesses of what is installed and compiled, and a list of it in dist/. Says so and ends without error where no network
-# or no cargo-audit is at hand.
+# or no cargo-audit is at hand; with STRICT=1, that is an error.
 audit: $(VENV)/.built $(AUDIT_VENV)/.ready
 	$(BIN)/python release/bill_of_materials.py --out dist/fringeworks.cdx.json
-	$(BIN)/python release/audit.py --pip-audit $(AUDIT_VENV)/bin/pip-audit
+	$(BIN)/python release/audit.py --pip-audit $(AUDIT_VENV)/bin/pip-audit $(if $(STRICT),--strict)
 
 $(AUDIT_VENV)/.ready: constraints.txt
 	$(PYTHON) -m venv $(AUDIT_VENV)

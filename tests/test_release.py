@@ -87,6 +87,11 @@ def test_an_audit_without_its_programs_says_so(capsys, monkeypatch):
     assert audit.main() == 0
     said = capsys.readouterr().out
     assert said.count("SKIPPED") == 2
+    # CI must not pass because a program could not be installed.
+    sys.argv.append("--strict")
+    assert audit.main() == 1
+    checks = (ROOT / ".github" / "workflows" / "checks.yml").read_text(encoding="utf-8")
+    assert "make audit STRICT=1\n" in checks
 
 
 def test_an_audit_that_finds_something_fails(capsys):

@@ -144,12 +144,12 @@ again: $(VENV)/.ready
 
 # What was built and what ran on each platform, as docs/platforms.md: the wheels in WHEELS are looked at, and installed into an empty
 # environment of each of PYTHONS; TARGETS are built first, with zig, and EMULATE runs Python of another machine, as in
-# EMULATE='aarch64=qemu-aarch64 -L /arm /arm/usr/bin/python3.11' or 'musl-x86_64=/musl/bin/python3.11'.
+# EMULATE='aarch64=qemu-aarch64 -L /arm /arm/usr/bin/python3.11' or 'musl-x86_64=/musl/bin/python3.11'. The notebook takes the sample data.
 WHEELS ?= dist
 PYTHONS ?= $(PYTHON)
-platforms: $(RELEASE_VENV)/.ready
+platforms: $(RELEASE_VENV)/.ready samples
 	for target in $(TARGETS); do PATH=$(RELEASE_VENV)/bin:$$PATH $(RELEASE_VENV)/bin/python release/build.py --target $$target --out $(WHEELS) || exit 1; done
-	$(RELEASE_VENV)/bin/python release/platforms.py --wheels $(WHEELS) --pythons $(PYTHONS) $(if $(EMULATE),--emulate "$(EMULATE)")
+	FRINGEWORKS_SAMPLES=$(CURDIR)/samples $(RELEASE_VENV)/bin/python release/platforms.py --wheels $(WHEELS) --pythons $(PYTHONS) $(if $(EMULATE),--emulate "$(EMULATE)")
 
 # The sample data of a release in samples/: an archive whose hash the package knows, or an error.
 samples: $(VENV)/.built
@@ -166,10 +166,10 @@ pages: theory
 	PATH=$(BIN):$$PATH $(BIN)/mike set-default --allow-undefined $(if $(PUSH),--push) $(or $(ALIAS),latest)
 
 # Known weaknesses of what is installed and compiled, and a list of it in dist/. Says so and ends without error where no network
-# or no cargo-audit is at hand.
+# or no cargo-audit is at hand; with STRICT=1, that is an error.
 audit: $(VENV)/.built $(AUDIT_VENV)/.ready
 	$(BIN)/python release/bill_of_materials.py --out dist/fringeworks.cdx.json
-	$(BIN)/python release/audit.py --pip-audit $(AUDIT_VENV)/bin/pip-audit
+	$(BIN)/python release/audit.py --pip-audit $(AUDIT_VENV)/bin/pip-audit $(if $(STRICT),--strict)
 
 $(AUDIT_VENV)/.ready: constraints.txt
 	$(PYTHON) -m venv $(AUDIT_VENV)

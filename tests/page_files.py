@@ -12,7 +12,6 @@ import numpy as np
 from PIL import Image
 
 import fringeworks as fw
-from fringeworks.cli.commands import run
 from fringeworks.patterns.plan import Uniform
 from fringeworks.rig.pinhole import pose
 from fringeworks.simulate.bodies import Body, Plane, Sphere, height_field
@@ -28,6 +27,7 @@ from fringeworks.simulate.standard import (
     standard_rig,
 )
 from fringeworks.simulate.virtual_rig import look
+from tests import parts
 from tests.inspected import scene, step
 
 BOARD = fw.rig.parse_board("chessboard:11x8:12")
@@ -131,9 +131,9 @@ def followed(folder: Path) -> None:
 
 
 def models(folder: Path) -> None:
-    """A measured bust, and a mesh of it in place of its drawing."""
-    cloud(folder / "part.npz")
-    assert run(["mesh", str(folder / "part.npz"), "--out", str(folder / "part.stl")]) == 0
+    """A measured part, and its closed model."""
+    fw.files.write_points(folder / "part.npz", parts.measured(rig(), scale=0.3, noise=1.0)[0])
+    fw.files.write_mesh(folder / "part.stl", parts.model())
 
 
 def drawing(folder: Path) -> None:
@@ -150,6 +150,9 @@ def few_frames(folder: Path) -> None:
         rig().projector.width_px, rig().projector.height_px, (short, Uniform("black"))
     )
     stack("bust", folder / "part", lit)
+    width, height = rig().projector.width_px, rig().projector.height_px
+    coloured = fw.propose(width, height, frames=10, axes=("x", "y"), colours=True)
+    stack("bust", folder / "photographs", coloured[0].plan)
 
 
 def four_steps(folder: Path) -> None:
@@ -278,7 +281,11 @@ FILES: dict[str, tuple[Callable[[Path], None], ...]] = {
     "meshes.md": (lambda folder: cloud(folder / "part.npz"),),
     "methods.md": (photographs, plugin, pairs("scene", "part", "cup")),
     "reference.md": (bust_in("part"),),
-    "report.md": (lambda folder: cloud(folder / "part.npz"), bust_in("part"), board_in("board")),
+    "report.md": (
+        lambda folder: cloud(folder / "part.npz"),
+        inspected("part"),
+        board_in("board"),
+    ),
     "rig.md": (
         planes,
         ball,

@@ -7,6 +7,7 @@ import json
 import re
 import sys
 import tomllib
+from fnmatch import fnmatch
 from importlib import metadata
 from pathlib import Path
 
@@ -14,6 +15,8 @@ import pytest
 import yaml
 
 import fringeworks
+from tests.page_code import blocks
+from tests.walk import PAGES, commands, examples
 
 ROOT = Path(__file__).parent.parent
 
@@ -84,6 +87,11 @@ def test_an_audit_without_its_programs_says_so(capsys, monkeypatch):
     assert audit.main() == 0
     said = capsys.readouterr().out
     assert said.count("SKIPPED") == 2
+    # CI must not pass because a program could not be installed.
+    sys.argv.append("--strict")
+    assert audit.main() == 1
+    checks = (ROOT / ".github" / "workflows" / "checks.yml").read_text(encoding="utf-8")
+    assert "make audit STRICT=1\n" in checks
 
 
 def test_an_audit_that_finds_something_fails(capsys):
@@ -250,6 +258,33 @@ def test_workflows_take_actions_by_their_hash():
     assert f"--wheels {len(built)}\n" in publish
 
 
+def test_every_wheel_is_tested_where_it_is_built_and_elsewhere():
+    """Records of wheels for Windows on ARM said that they had been tested, which was left out."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["cibuildwheel"]
+    assert "test-skip" not in settings
+    release = (ROOT / ".github" / "workflows" / "release.yml").read_text(encoding="utf-8")
+    matrix = yaml.safe_load(release)["jobs"]["test"]["strategy"]["matrix"]
+    patterns = [one["wheel"] for one in matrix["platform"]]
+    # The containers of musl are those that built and tested the wheel.
+    for name in (name for name in settings["build"] if "musllinux" not in name):
+        system, _, machine = name.removeprefix("cp311-").partition("_")
+        tag = {"manylinux": "manylinux_2_28_", "macosx": "macosx_11_0_", "win": "win_"}[system]
+        file = f"fringeworks-1.0.0-cp311-abi3-{tag}{machine}.whl"
+        assert sum(fnmatch(file, pattern) for pattern in patterns) == 1, name
+
+
+def test_steps_of_workflows_name_what_exists():
+    made = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
+    for path in (ROOT / ".github" / "workflows").glob("*.yml"):
+        jobs = yaml.safe_load(path.read_text(encoding="utf-8"))["jobs"]
+        for name, job in jobs.items():
+            said = "\n".join(step.get("run", "") for step in job["steps"])
+            for target in re.findall(r"\bmake ([\w-]+)", said):
+                assert target in made, (path.name, name, target)
+            for file in re.findall(r"\b(?:release|requirements|tests)/[\w-]+\.(?:py|txt)\b", said):
+                assert (ROOT / file).exists(), (path.name, name, file)
+
+
 def test_the_page_of_platforms_is_what_was_measured():
     platforms = script("platforms")
     kept = json.loads((ROOT / "release" / "platforms.json").read_text(encoding="utf-8"))
@@ -315,3 +350,10 @@ def test_pages_say_what_they_were_last_tried_with():
         assert all((ROOT / "tests" / name).exists() for name in one["tests"]), one["tests"]
         assert one["tests"]
     assert {page.name for page in (ROOT / "docs").glob("hour-*.md")} <= set(pages)
+    shown = [
+        page
+        for page in PAGES
+        if ROOT / "docs" in page.parents
+        if blocks(page) or examples(text := page.read_text("utf-8")) or commands(text)
+    ]
+    assert {page.relative_to(ROOT / "docs").as_posix() for page in shown} <= set(pages)

@@ -119,6 +119,15 @@ def test_a_release_has_the_archive_that_the_package_knows(tmp_path, monkeypatch,
     assert "find dist bill samples SHA256SUMS" in workflow
 
 
+def test_the_archive_that_the_package_knows_can_be_made(tmp_path):
+    """Simulators had changed since its hash was stored, so that no release could have had it."""
+    from release import sample_data as builder
+
+    builder.build(tmp_path / "sets")
+    found = builder.pack(tmp_path / "sets", tmp_path / sample_sets.ARCHIVE)
+    assert found == sample_sets.SHA256, "python -m release.sample_data --out samples --write-hash"
+
+
 @pytest.mark.usefixtures("_samples")
 def test_the_views_merge_as_the_page_says():
     """Its lower half is a block of 70 × 50 × 30 mm about the axis."""

@@ -1,5 +1,7 @@
 //! Pictures and numbers from the fuzzer's bytes.
 
+#![allow(dead_code, reason = "each target reads some kinds of numbers only")]
+
 /// Largest height and width of a picture, px: enough for every branch at borders, quick to run.
 const MOST: usize = 32;
 

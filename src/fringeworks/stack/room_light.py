@@ -238,7 +238,8 @@ def _of_frame(
         return change, change, False
     design: FloatMap = np.column_stack((dark, ~lit, lit)).astype(np.float64)
     priors: FloatMap = np.array([[1.0 / ALIKE, -1.0 / ALIKE, -1.0 / ALIKE], [0.0, 1.0 / BLUR, 0.0]])
-    kept, found = np.ones(lit.size, bool), np.zeros(3)
+    kept = np.ones(lit.size, bool)
+    found: FloatMap = np.zeros(3)
     for _ in range(FITS):
         used, seen = design[kept], samples[kept]
         # Levels are as wrong as samples, and alike at many pixels: these count as one.

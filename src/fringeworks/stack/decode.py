@@ -150,10 +150,11 @@ def decode(
     steps (theory §5, §9). Errors that are no noise, such as ripple and disagreement of the sets,
     are measured in a sample of the pixels and added.
 
-    Where a pixel lies within six standard deviations of another coordinate, neighbours vote on
-    its order. A pixel is NaN with ``ORDER_AMBIGUOUS`` where they do not decide, or where its sets
-    disagree. It is NaN with ``ISOLATED`` where fewer than three of its eight neighbours share its
-    surface, as in pixels that see two depths.
+    Where a pixel lies within six standard deviations of another coordinate, or, without a Gray
+    code, a rounding has a margin of less than five, neighbours vote on the order. A pixel is NaN
+    with ``ORDER_AMBIGUOUS`` where they do not decide, or where its sets disagree. It is NaN with
+    ``ISOLATED`` where fewer than three of its eight neighbours share its surface, as in pixels that
+    see two depths.
 
     Examples
     --------

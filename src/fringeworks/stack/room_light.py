@@ -41,7 +41,8 @@ SMALL = 0.05
 the other level."""
 
 MOST_CHANGE = 0.4
-"""Largest change that is taken out: half of the contrast makes a dark sample a lit one."""
+"""Largest change that is taken out: half of the contrast makes a dark sample a lit one, and a white
+frame that is none looks like one that is darker by half."""
 
 CLEAR = 0.3
 """Contrast of a pixel over that of bright ones from which on its levels are told apart."""
@@ -57,7 +58,7 @@ BLUR = 0.2
 """Usual m, which counts where all pixels have the same share of the room's light, so that the lines
 have no slope to see."""
 
-FITS = 2
+FITS = 3
 """Fits of the lines, each without the outliers of the one before."""
 
 OUTLIERS = 4.0
@@ -73,6 +74,11 @@ NEAR = 0.8
 """Least share of such samples under even light. Of the bits of a pixel, one is on a border, and
 those that the camera does not resolve are grey."""
 
+GAIN_SHARE = 0.7
+"""Change of the contrast, over that of the light halfway between dark and lit, from which on it is
+the exposure that differs. Light of the room leaves the contrast as it is; an exposure changes it by
+as much at least where the room has less than 0.9 of the projector's light."""
+
 MOST_NAMED = 3
 """At most this many frames are named."""
 
@@ -85,6 +91,8 @@ class _Light:
     """Light of the room, d."""
     gain: FloatMap
     """Light of the projector, e."""
+    contrast: FloatMap
+    """Lit less dark samples over usual ones, e (1 − 2 m): it does not depend on the room."""
     change: FloatMap
     """Change of the light halfway between dark and lit, contrasts."""
     bits: NDArray[np.bool_]
@@ -149,8 +157,7 @@ def evened(planes: Planes, plan: PatternPlan) -> tuple[Planes, list[Finding]]:
         if kind.kind == "u":
             even = np.where(plane < top, np.clip(np.rint(even), 0.0, top), top)
         out[frames[n]] = even.astype(kind)
-    told = changed[np.abs(change[changed]) > LEAST_CHANGE]
-    return out, [_told(plan, [frames[n] for n in told], change[told])] if told.size else []
+    return out, _findings(plan, frames, light, changed[np.abs(change[changed]) > LEAST_CHANGE])
 
 
 def _frames(plan: PatternPlan) -> list[int]:
@@ -190,7 +197,7 @@ def _light(values: FloatMap, given: list[bool | None]) -> _Light | None:
             _of_frame(v[clear] / contrast[clear], seen, b[clear])
             for v, b in zip(values, lit, strict=True)
         ]
-        room, gain, both = np.array(parts).T
+        room, gain, contrast, both = np.array(parts).T
         if min(room.min(), gain.min()) <= 0.0:
             return None
         room, gain = room / np.median(room[bits]), gain / np.median(gain[bits])
@@ -199,8 +206,8 @@ def _light(values: FloatMap, given: list[bool | None]) -> _Light | None:
             break
         even = (values - room[:, None] * dark) / gain[:, None] + dark
     before, after = (_near_levels(v[:, clear], given) for v in (values, even))
-    told = after > max(NEAR, before) and np.abs(change[bits]).max() < MOST_CHANGE
-    return _Light(room, gain, change, bits, both > 0.0) if told else None
+    told = after > max(NEAR, before) and np.abs(change).max() < MOST_CHANGE
+    return _Light(room, gain, contrast, change, bits, both > 0.0) if told else None
 
 
 def _near_levels(values: FloatMap, given: list[bool | None]) -> float:
@@ -226,16 +233,16 @@ def _levels(
 
 def _of_frame(
     samples: FloatMap, dark: FloatMap, lit: NDArray[np.bool_]
-) -> tuple[float, float, bool]:
-    """d and e of a frame, and whether it shows both levels, from samples and dark levels over the
-    contrast of their pixels."""
+) -> tuple[float, float, float, bool]:
+    """d, e and the contrast of a frame, and whether it shows both levels, from samples and dark
+    levels over the contrast of their pixels."""
     fewest = max(MIN_LEVEL_PIXELS, SMALL * lit.size)
     some_dark, some_lit = np.count_nonzero(~lit) >= fewest, np.count_nonzero(lit) >= fewest
     if not some_lit:
-        return float(np.median((samples / dark)[~lit])), 1.0, False
+        return float(np.median((samples / dark)[~lit])), 1.0, 1.0, False
     if not some_dark:  # light of the room and of the projector change alike
         change = float(np.median((samples / (dark + 1.0))[lit]))
-        return change, change, False
+        return change, change, 1.0, False
     design: FloatMap = np.column_stack((dark, ~lit, lit)).astype(np.float64)
     priors: FloatMap = np.array([[1.0 / ALIKE, -1.0 / ALIKE, -1.0 / ALIKE], [0.0, 1.0 / BLUR, 0.0]])
     kept = np.ones(lit.size, bool)
@@ -248,17 +255,51 @@ def _of_frame(
         found = np.linalg.solve(normal, used.T @ seen / unit)
         off = np.abs(samples - design @ found)
         kept = off <= OUTLIERS * max(median(off), SCATTER)
-    return float(found[0]), float(found[1] + found[2]), True
+    room, low, high = map(float, found)
+    return room, low + high, high - low, True
 
 
-def _told(plan: PatternPlan, frames: list[int], change: FloatMap) -> Finding:
-    """What was taken out, in words."""
-    labels = [plan.labels()[k] for k in frames]
-    more = f" and {len(labels) - MOST_NAMED} more" if len(labels) > MOST_NAMED else ""
+def _findings(
+    plan: PatternPlan, frames: list[int], light: _Light, changed: NDArray[np.intp]
+) -> list[Finding]:
+    """What was taken out: other exposures, or light of the room, whichever changes more."""
+    if not changed.size:
+        return []
+    labels = [plan.labels()[frames[n]] for n in changed]
+    both = changed[light.both[changed]]  # frames of one level do not tell
+    shown = light.contrast[light.both & light.bits]
+    by_gain = np.abs(light.contrast[both] / median(shown) - 1.0).sum() if shown.size else 0.0
+    if by_gain > GAIN_SHARE * np.abs(light.change[both]).sum():
+        return [_of_exposures(plan, labels, light.gain[changed])]
+    return [_of_room(labels, light.change[changed])]
+
+
+def _of_exposures(plan: PatternPlan, labels: list[str], gains: FloatMap) -> Finding:
+    """Frames with other exposures, in words."""
+    axes = {code.axis for _, code in codes_of_two_levels(plan)}
+    others = f"the others along {axes.pop()}" if len(axes) == 1 else "the others"
+    least, most = float(gains.min()), float(gains.max())
+    if len(labels) == 1:
+        said = f"frame {labels[0]} has another exposure than {others} ({most:.2f} times)"
+    else:
+        said = f"frames {_listed(labels)} have other exposures than {others} ({least:.2f} to "
+        said += f"{most:.2f} times)"
+    return Finding(
+        "exposure",
+        f"{said}; taken out",
+        ("automatic exposure", "a projector that was not yet bright"),
+        "fix the exposure, and take the frames again",
+        frames=tuple(labels),
+        figures={"least": least, "most": most},
+    )
+
+
+def _of_room(labels: list[str], change: FloatMap) -> Finding:
+    """Frames in other light of the room, in words."""
     most = float(np.abs(change).max())
     return Finding(
         "flicker",
-        f"the light of {', '.join(labels[:MOST_NAMED])}{more} differs from that of the other "
+        f"the light of {_listed(labels)} differs from that of the other "
         f"frames of the Gray code, by up to {percent(most)} of its contrast; taken out",
         ("light of the room that flickers", "automatic exposure"),
         "switch off the light of the room, or expose for whole periods of the mains, and fix the "
@@ -266,3 +307,9 @@ def _told(plan: PatternPlan, frames: list[int], change: FloatMap) -> Finding:
         frames=tuple(labels),
         figures={"change": most},
     )
+
+
+def _listed(labels: list[str]) -> str:
+    """Names of frames, as many as are read."""
+    more = f" and {len(labels) - MOST_NAMED} more" if len(labels) > MOST_NAMED else ""
+    return f"{', '.join(labels[:MOST_NAMED])}{more}"

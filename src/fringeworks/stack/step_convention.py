@@ -50,6 +50,8 @@ ripple of 0.4 rad at most (γ of 2.2, three steps), and borders of bits that mov
 standard deviations."""
 LEAST_STEPS = 3
 """Number of steps whose phases have a ripple in the first place."""
+AT_END = 0.9
+"""Share of the searched range from which on a rate may lie beyond it."""
 EXACT_SIGMAS = 2.0
 """Standard deviations within which a start is that of other steps: in 14 simulated stacks, it was
 met to 0.5, and seven stacks that had moved were 2.9 to 8.5 from one."""
@@ -229,11 +231,11 @@ def _convention(
     if borders < FEWEST:
         return planned
     few = slice(None, None, max(1, borders // MOST_BORDERS))
-    # A rate just beyond the search scatters little at its end: the rough one is tried as well.
-    fits = [
-        seen(rate_of(at_border[few], turns[few], sign * near, SEARCHED * near)[0])
-        for near in ((1.0, rough) if rough != 1.0 else (1.0,))
-    ]
+    near = seen(rate_of(at_border[few], turns[few], sign, SEARCHED)[0])
+    fits, off = [near], abs(near.planned_px / near.period_px - 1.0)
+    # A rate just beyond the search scatters little at its end.
+    if rough != 1.0 and (near.scatter_turns > ALIKE_TURNS or off > AT_END * SEARCHED):
+        fits.append(seen(rate_of(at_border[few], turns[few], sign * rough, SEARCHED * rough)[0]))
     fitted, spread = min(fits, key=lambda fit: fit.scatter_turns), float(np.std(turns))
     error = float(np.hypot(fitted.start_error, AT_BORDER_TURNS)) / max(spread, SMALLEST)
     at_edge = np.hypot(fitted.start_error, float(np.mean(turns)) * error)

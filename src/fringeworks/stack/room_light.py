@@ -74,10 +74,13 @@ NEAR = 0.8
 """Least share of such samples under even light. Of the bits of a pixel, one is on a border, and
 those that the camera does not resolve are grey."""
 
-GAIN_SHARE = 0.7
+GAIN_SHARE = 0.5
 """Change of the contrast, over that of the light halfway between dark and lit, from which on it is
 the exposure that differs. Light of the room leaves the contrast as it is; an exposure changes it by
-as much at least where the room has less than 0.9 of the projector's light."""
+as much at least where the room has less than one and a half times the projector's light."""
+
+MOST_FRAMES = 0.75
+"""Share of the frames that must show it. Levels of pixels whose frames differ are unsure."""
 
 MOST_NAMED = 3
 """At most this many frames are named."""
@@ -268,8 +271,11 @@ def _findings(
     labels = [plan.labels()[frames[n]] for n in changed]
     both = changed[light.both[changed]]  # frames of one level do not tell
     shown = light.contrast[light.both & light.bits]
-    by_gain = np.abs(light.contrast[both] / median(shown) - 1.0).sum() if shown.size else 0.0
-    if by_gain > GAIN_SHARE * np.abs(light.change[both]).sum():
+    # The usual contrast is that of most frames, or of what pixels show in all of them.
+    units = np.array([[median(shown) if shown.size else 1.0], [1.0]])
+    off = np.abs(light.contrast[both] / units - 1.0)
+    by_gain = (off > GAIN_SHARE * np.abs(light.change[both])).all(axis=0)
+    if np.count_nonzero(by_gain) > MOST_FRAMES * both.size:
         return [_of_exposures(plan, labels, light.gain[changed])]
     return [_of_room(labels, light.change[changed])]
 

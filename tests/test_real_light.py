@@ -4,27 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from fringeworks import PatternPlan, decode
-from fringeworks.patterns import GrayCode, PhaseSteps, Uniform
+from fringeworks.patterns import GrayCode, PhaseSteps
+from tests.real_frames import BACK, LIGHT, counts, half
 
 pytestmark = pytest.mark.statistical
 
-BACK = tuple(np.radians((120.0, 0.0, -120.0)))
-LIGHT = (Uniform("white"), Uniform("black"))
 BOTH_CODES = (GrayCode("x", 1, 1024), GrayCode("y", 1, 768))
-
-
-def half(path):
-    """A frame at half of its size: every pixel is the mean of four."""
-    image = np.asarray(Image.open(path).convert("L"), float)
-    h, w = (n // 2 for n in image.shape)
-    return image[: 2 * h, : 2 * w].reshape(h, 2, w, 2).mean(axis=(1, 3))
-
-
-def counts(frames):
-    return [np.clip(np.rint(frame), 0, 255).astype(np.uint8) for frame in frames]
 
 
 @pytest.fixture(scope="module")

@@ -7,30 +7,20 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from fringeworks import FramesContradictPlan, PatternPlan, decode
-from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
+from fringeworks.patterns import GrayCode, PhaseSteps, equal_steps
+from tests.real_frames import BACK, LIGHT, counts, half
 
 pytestmark = pytest.mark.statistical
 
-BACK = tuple(np.radians((120.0, 0.0, -120.0)))
-LIGHT = (Uniform("white"), Uniform("black"))
 SLSTUDIO = [
     PhaseSteps(a, n / k, equal_steps(3)) for a, n in (("x", 1824.0), ("y", 1140.0)) for k in (16, 1)
 ]
 
 
-def half(path):
-    """A frame at half of its size: every pixel is the mean of four."""
-    image = np.asarray(Image.open(path).convert("L"), float)
-    h, w = (n // 2 for n in image.shape)
-    mean = image[: 2 * h, : 2 * w].reshape(h, 2, w, 2).mean(axis=(1, 3))
-    return np.rint(mean).astype(np.uint8)
-
-
 def of_kamino(folder, numbers, *blocks):
-    frames = [half(folder / f"pat{k:02d}.png") for k in numbers]
+    frames = counts(half(folder / f"pat{k:02d}.png") for k in numbers)
     return frames, PatternPlan(1920, 1080, (*blocks, *LIGHT))
 
 
@@ -50,10 +40,10 @@ def captures(real_data):
             objects, [3, 4, 5, *range(12, 21, 2), 30, 31], PhaseSteps("x", 100, BACK), cells
         ),
         "chessboard": (
-            [half(pose / f"graycode_{k:02d}.png") for k in numbers],
+            counts(half(pose / f"graycode_{k:02d}.png") for k in numbers),
             PatternPlan(1024, 768, (GrayCode("x", 1, 1024), GrayCode("y", 1, 768), *LIGHT)),
         ),
-        "steps": ([half(path) for path in sets], PatternPlan(1824, 1140, tuple(SLSTUDIO))),
+        "steps": (counts(half(path) for path in sets), PatternPlan(1824, 1140, tuple(SLSTUDIO))),
     }
 
 

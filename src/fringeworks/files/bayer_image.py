@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.files.between_filters import spread
 from fringeworks.signal.bands import row_bands
 
 LARGEST = 65535
@@ -81,11 +82,11 @@ class BayerImage:
         # Of the pattern, the rows and columns of this part.
         v, u = np.arange(first, last) % 2, np.arange(self.shape[1]) % 2
         counts = self.own(slice(first, last))
-        channel = np.array(CHANNEL_OF)[self._pattern][np.ix_(v, u)]
+        channel = self.channels[np.ix_(v, u)]
         out = np.empty((last - first, self.shape[1], 3), np.uint16)
         for c in range(3):
             own = (channel == c).astype(np.float32)
-            between = _spread(counts * own) / _spread(own)
+            between = spread(counts * own) / spread(own)
             out[..., c] = np.rint(np.where(own > 0, counts, between))
         return out[start - first : stop - first : step]
 
@@ -102,17 +103,6 @@ class BayerImage:
         for band in row_bands(self.shape[:2], BYTES_PER_PX):
             out[band.rows] = self[band.rows]
         return out
-
-
-def _spread(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Sum over 3 × 3 pixels with the weights of linear interpolation, 0 beyond the border."""
-    for axis in (0, 1):
-        total = 2.0 * values
-        rows = np.moveaxis(total, axis, 0), np.moveaxis(values, axis, 0)
-        rows[0][1:] += rows[1][:-1]
-        rows[0][:-1] += rows[1][1:]
-        values = total
-    return values
 
 
 def bayer_image(raw: Any) -> BayerImage | None:

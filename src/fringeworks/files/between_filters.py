@@ -104,7 +104,8 @@ def _planes(own: FloatMap, channel: NDArray[np.intp], noise: Sequence[CameraNois
 
 
 def spread(values: FloatMap) -> FloatMap:
-    """Sum over 3 × 3 pixels with the weights 1, 2, 1 along both axes, 0 beyond the border."""
+    """Sum over 3 × 3 pixels with the weights of linear interpolation, 1, 2, 1 along both axes, and
+    0 beyond the border."""
     for axis in (0, 1):
         total = 2.0 * values
         rows = np.moveaxis(total, axis, 0), np.moveaxis(values, axis, 0)

@@ -361,8 +361,7 @@ def _chain_of(
     (used, largest), alternative = binding(rows, tolerance), np.ones(tolerance.size)
     if gray_step_px is None:
         # The first combination fails by wrapping only, unless all phases repeat with it.
-        used[1:], largest[1:] = binding(rows[1:], tolerance[1:])
-        largest[0] = np.inf
+        used[1:], _ = binding(rows[1:], tolerance[1:])
         used[0] = abs(repeats * g[0] - 1.0) >= COMMENSURATE
         alternative[0] = 0.5 if circular else 1.0 - 0.5 * min(length * g[0], 1.0)
         if not circular:

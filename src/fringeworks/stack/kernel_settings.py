@@ -297,7 +297,7 @@ class Decoding:
         # Where the first combination can wrap, or starts from a Gray code, the estimate of every
         # pixel decides alone.
         alone = chain.wraps | ((chain.remainder == 0) & (self.gray is not None))
-        largest = np.where(left > 0.0, chain.largest_sigma * np.where(left > 0.0, left, 1.0), 0.0)
+        largest = np.where(left > 0.0, chain.largest_sigma, 0.0) * left
         margin = np.where(alone, np.inf, largest)
         away = np.minimum(chain.alternative, self.largest_remainders or np.inf)
         alternative = np.maximum(away - lost, 0.0)

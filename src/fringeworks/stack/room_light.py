@@ -98,10 +98,8 @@ class _Light:
     """Lit less dark samples over usual ones, e (1 − 2 m): it does not depend on the room."""
     change: FloatMap
     """Change of the light halfway between dark and lit, contrasts."""
-    bits: NDArray[np.bool_]
-    """Whether the frame shows bits, not white or black."""
     both: NDArray[np.bool_]
-    """Whether it shows both levels."""
+    """Whether the frame shows both levels, as only bits do."""
 
 
 def evened(planes: Planes, plan: PatternPlan) -> tuple[Planes, list[Finding]]:
@@ -200,7 +198,7 @@ def _light(values: FloatMap, given: list[bool | None]) -> _Light | None:
             _of_frame(v[clear] / contrast[clear], seen, b[clear])
             for v, b in zip(values, lit, strict=True)
         ]
-        room, gain, contrast, both = np.array(parts).T
+        room, gain, shown, both = np.array(parts).T
         if min(room.min(), gain.min()) <= 0.0:
             return None
         room, gain = room / np.median(room[bits]), gain / np.median(gain[bits])
@@ -210,7 +208,7 @@ def _light(values: FloatMap, given: list[bool | None]) -> _Light | None:
         even = (values - room[:, None] * dark) / gain[:, None] + dark
     before, after = (_near_levels(v[:, clear], given) for v in (values, even))
     told = after > max(NEAR, before) and np.abs(change).max() < MOST_CHANGE
-    return _Light(room, gain, contrast, change, bits, both > 0.0) if told else None
+    return _Light(room, gain, shown, change, both > 0.0) if told else None
 
 
 def _near_levels(values: FloatMap, given: list[bool | None]) -> float:
@@ -270,7 +268,7 @@ def _findings(
         return []
     labels = [plan.labels()[frames[n]] for n in changed]
     both = changed[light.both[changed]]  # frames of one level do not tell
-    shown = light.contrast[light.both & light.bits]
+    shown = light.contrast[light.both]
     # The usual contrast is that of most frames, or of what pixels show in all of them.
     units = np.array([[median(shown) if shown.size else 1.0], [1.0]])
     off = np.abs(light.contrast[both] / units - 1.0)

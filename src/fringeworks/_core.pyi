@@ -597,6 +597,7 @@ class _PhaseSet(TypedDict):
     frames: list[int]
     shifts: list[float]
     design: list[tuple[float, float, float]]
+    offsets: list[float]
     period: float
     floor: float
     whole: bool

@@ -24,6 +24,7 @@ pub struct SetItems {
     shifts: Vec<f64>,
     design: Vec<[f64; 3]>,
     period: f64,
+    offsets: Vec<f64>,
     floor: f32,
     whole: bool,
     harmonics: HarmonicItems,
@@ -48,7 +49,8 @@ struct TableItems {
 
 impl SetItems {
     fn set(self) -> Result<PhaseSet, Error> {
-        let mut set = PhaseSet::new(self.frames, &self.shifts, self.design, self.period)?;
+        let set = PhaseSet::new(self.frames, &self.shifts, self.design, self.period)?;
+        let mut set = set.with_offsets(&self.offsets)?;
         set.floor = self.floor;
         set.whole = self.whole;
         set.harmonics = Harmonics {

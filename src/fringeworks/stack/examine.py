@@ -424,6 +424,7 @@ def _refuse_unknown_response(found: dict[Axis, Refined]) -> None:
 def _of_steps(decoding: Decoding, plan: PatternPlan, moved: float) -> list[Finding]:
     """Findings about steps and gains that differ from the plan."""
     found = [words.real_frames(s, decoding.axis, plan.labels(), moved) for s in decoding.sets]
+    found += [words.offsets(s, decoding.axis, plan.labels()) for s in decoding.sets]
     return [finding for finding in found if finding is not None]
 
 

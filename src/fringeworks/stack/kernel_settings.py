@@ -117,6 +117,9 @@ class PhaseFrames:
     harmonics: tuple[tuple[float, ...], ...] = ()
     """What the fit of A, c and s leaves of every frame, as shares of the harmonics of the fringe;
     nothing where empty."""
+    offsets: tuple[float, ...] = ()
+    """Light of every frame that is the same at all pixels, counts, as far as it looks like A, c and
+    s; nothing where empty."""
     floor_rad: float = 0.0
     """Standard deviation of the phase error that does not shrink with the modulation, rad."""
     table_turns: tuple[float, ...] = ()
@@ -135,6 +138,7 @@ class PhaseFrames:
             "frames": [place[k] for k in self.frames],
             "shifts": list(self.shifts_rad),
             "design": list(self.design),
+            "offsets": list(self.offsets),
             "period": self.period_px,
             "floor": self.floor_rad**2,
             "whole": self.line_px is not None,

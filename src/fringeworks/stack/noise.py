@@ -474,7 +474,7 @@ def _background_noise(
     if len(decoding.sets) < 2:
         return None
     steps = np.array([len(s.frames) for s in decoding.sets])
-    backgrounds = _without_background_harmonics(steps, fits)
+    backgrounds = _of_one_light(steps, fits)
     background = steps @ backgrounds / steps.sum()
     square = steps @ (backgrounds - background) ** 2
     chosen = np.ones(background.shape, bool)
@@ -493,29 +493,35 @@ def _background_noise(
     return noise
 
 
-def _without_background_harmonics(steps: NDArray[np.intp], fits: list[SampleFit]) -> FloatMap:
-    """Backgrounds of the sets, (M, n), without the harmonic that N steps take for light.
+def _of_one_light(steps: NDArray[np.intp], fits: list[SampleFit]) -> FloatMap:
+    """Backgrounds of the sets, (M, n), as if all frames had one exposure and one light of the room.
 
-    A response that is not linear adds h_N B cos(Nφ + ψ) to the background of N steps. Its shares
+    Light that differs from set to set adds a constant and a share of the background. A response
+    that is not linear adds the harmonic that N steps take for light, h_N B cos(Nφ + ψ). All shares
     follow from the differences of the backgrounds, by least squares.
     """
     backgrounds = np.stack([fit.fitted[0] for fit in fits])
     mean = steps / steps.sum()
-    waves = np.concatenate(
+    light = mean @ backgrounds
+    added = np.stack(
         [
-            parts_of_orders(fit.fitted[1] + 1j * fit.fitted[2], (int(n),))
+            (
+                *parts_of_orders(fit.fitted[1] + 1j * fit.fitted[2], (int(n),)),
+                light,
+                0.0 * light + 1,
+            )
             for n, fit in zip(steps, fits, strict=True)
         ]
     )
-    # What each harmonic adds to the background of its set less the mean of all, (2M, M, n).
-    apart = np.repeat(np.eye(len(steps)), 2, axis=0) - mean
-    seen = apart[:, :, None] * waves[:, None, :]
-    off = backgrounds - mean @ backgrounds
-    products = gram(np.concatenate((seen.reshape(len(waves), -1), off.reshape(1, -1))))
-    normal, projected = products[:-1, :-1], products[:-1, -1]
-    shares = np.linalg.lstsq(normal, projected, rcond=None)[0].reshape(-1, 2)
-    added = [u * waves[2 * k] + v * waves[2 * k + 1] for k, (u, v) in enumerate(shares)]
-    return np.asarray(backgrounds - np.stack(added))
+    # What each term adds to the background of its set less the mean of all, (4 M, M, n).
+    apart = np.eye(len(steps)) - mean
+    seen = (apart[:, None, :, None] * added[:, :, None, :]).reshape(-1, *backgrounds.shape)
+    off = backgrounds - light
+    products = gram(np.concatenate((seen.reshape(len(seen), -1), off.reshape(1, -1))))
+    size = np.sqrt(np.maximum(np.diag(products)[:-1], np.finfo(float).tiny))
+    normal, projected = products[:-1, :-1] / np.outer(size, size), products[:-1, -1] / size
+    shares = (np.linalg.lstsq(normal, projected, rcond=None)[0] / size).reshape(len(steps), -1)
+    return np.asarray(backgrounds - np.einsum("mk,mkn->mn", shares, added))
 
 
 def _clear_of_limits(

@@ -28,6 +28,7 @@ from fringeworks.stack.edges import (
 )
 from fringeworks.stack.fits import harmonic_noise
 from fringeworks.stack.frame_motion import pairs_apart
+from fringeworks.stack.frame_offsets import with_offsets
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import SEAM_SIGMAS, Decoding, PhaseFrames, lit_pixels
 from fringeworks.stack.line_profile import with_line_floor
@@ -172,6 +173,11 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     planes = [sample.points[k] for k in decoding.frames]
     plain = decoding
     decoding, ripples = without_ripples(decoding, lines, planes, known)
+    if known.estimate_steps and _light_differs(plain, decoding, ripples):
+        even = with_offsets(_with_designs_of(plain, decoding), planes, known)
+        if any(phases.offsets for phases in even.sets):
+            start = replace(plain, sets=tuple(map(_with_offsets_of, plain.sets, even.sets)))
+            decoding, ripples = without_ripples(start, lines, planes, known)
     findings: list[Finding] = words.own_response(plain, decoding)
     pairs = zip(decoding.sets, ripples, strict=True)
     left = [_with_harmonics(phases, ripple, decoding.axis) for phases, ripple in pairs]
@@ -206,6 +212,24 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     seen = any(ripple is not None and ripple.repeated for ripple in ripples)
     found = Refined(decoding, tuple(findings), errors.ratio, uneven, response_seen=seen)
     return _compared(found, decode_sample(decoding, lines, known.noise, known.limits), lines, known)
+
+
+def _light_differs(plain: Decoding, found: Decoding, ripples: list[Ripple | None]) -> bool:
+    """Whether phases have, or had, a ripple of one per fringe, as light that differs makes."""
+    pairs = zip(plain.sets, found.sets, strict=True)
+    taken_out = any(before.design != after.design for before, after in pairs)
+    return taken_out or any(r is not None and r.significant(1) != 0 for r in ripples)
+
+
+def _with_designs_of(plain: Decoding, found: Decoding) -> Decoding:
+    """The decoding that was found, with the designs of another one."""
+    pairs = zip(plain.sets, found.sets, strict=True)
+    sets = [replace(f, design=p.design, unsure=p.unsure) for p, f in pairs]
+    return replace(found, sets=tuple(sets))
+
+
+def _with_offsets_of(phases: PhaseFrames, other: PhaseFrames) -> PhaseFrames:
+    return replace(phases, offsets=other.offsets)
 
 
 def _by_finest(decoding: Decoding, maps: dict[str, Any], known: Known) -> tuple[FloatMap, FloatMap]:

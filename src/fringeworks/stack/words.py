@@ -258,6 +258,24 @@ def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str], moved: float
     return Finding("flicker", seen, causes, advice, axis, named, figures)
 
 
+def offsets(phases: PhaseFrames, axis: Axis, labels: list[str]) -> Finding | None:
+    """Light that is the same at all pixels and differs between frames; None where there is none."""
+    if not phases.offsets:
+        return None
+    named = tuple(labels[k] for k in phases.frames)
+    most = int(np.argmax(np.abs(phases.offsets)))
+    return Finding(
+        "flicker",
+        f"frames of {phases.period_px:g} px along {axis} differ by the same counts at all pixels, "
+        f"{named[most]} by {phases.offsets[most]:.1f}, the others by less; subtracted",
+        causes=("a change of the light in the room", "a black level of the camera that drifts"),
+        advice="keep the light of the room constant, and away from the lens",
+        axis=axis,
+        frames=named,
+        figures={"largest_offset_counts": float(np.abs(phases.offsets).max())},
+    )
+
+
 def _turned_frames(moved: float, off_rad: NDArray[np.float64]) -> tuple[str, tuple[str, ...], str]:
     """Kind, causes and advice where the phases of frames are turned."""
     rest = "keep the scene and the devices at rest, or take the frames faster"

@@ -24,7 +24,7 @@ pub fn with_harmonics(
     kept: u64,
     value: impl Fn(usize) -> f64,
 ) -> Option<([f64; 3], Matrix)> {
-    let mut found = start(set, &value);
+    let mut found = amplitudes_of(set, &value);
     for _ in 0..PASSES {
         let shown = Shown::of(set, found);
         let (mut normal, mut pull, mut count) = (Matrix::default(), [0.0; 3], 0.0);
@@ -54,8 +54,9 @@ pub fn with_harmonics(
     None
 }
 
-/// The fit of all samples, without harmonics: the limit is the best guess of those beyond it.
-fn start(set: &PhaseSet, value: &impl Fn(usize) -> f64) -> [f64; 3] {
+/// The fit of all samples, without harmonics and offsets: the limit is the best guess of those beyond
+/// it.
+pub fn amplitudes_of(set: &PhaseSet, value: impl Fn(usize) -> f64) -> [f64; 3] {
     let mut sums = [0.0; 3];
     for n in 0..set.steps() {
         let ((cosine, sine), sample) = (set.phasor(n), value(n));

@@ -95,7 +95,10 @@ pub fn refit<T: Sample>(
             found
         };
         match found {
-            Some((amplitudes, covariance)) => store_pixel(amplitudes, &covariance, i, out),
+            Some((amplitudes, covariance)) => {
+                let own = |j: usize| amplitudes[j] - f64::from(set.offset[j]);
+                store_pixel([own(0), own(1), own(2)], &covariance, i, out);
+            }
             None => clear_pixel(i, out),
         }
     }

@@ -1,6 +1,6 @@
 //! The frames of one period, and the least-squares problem of their shifts.
 
-use super::harmonics::MOST_ORDERS;
+use super::harmonics::{MOST_ORDERS, amplitudes_of};
 use super::solver::{Solver, planned_row};
 use super::table::Table;
 use crate::{Error, check_value};
@@ -48,6 +48,8 @@ pub struct PhaseSet {
     pub whole: bool,
     /// Harmonics that matter where samples at the limit are left out.
     pub harmonics: Harmonics,
+    /// What the fit of (A, c, s) makes of the offsets of the frames, counts: it is subtracted.
+    pub(super) offset: [f32; 3],
     cos: Vec<f32>,
     sin: Vec<f32>,
     /// Steps where cos δ is 1 and −1, then those where sin δ is: four steps of a quarter turn.
@@ -99,12 +101,39 @@ impl PhaseSet {
             floor: 0.0,
             whole: false,
             harmonics: Harmonics::default(),
+            offset: [0.0; 3],
             quarters: quarters(shifts),
             cos: shifts.iter().map(|d| d.cos() as f32).collect(),
             sin: shifts.iter().map(|d| d.sin() as f32).collect(),
             design,
             solver,
         })
+    }
+
+    /// The set with frames that show other light besides, the same at every pixel, counts; nothing
+    /// where empty.
+    ///
+    /// It must be a sum of what the frames show of A, c and s, so that any of the frames tell it.
+    ///
+    /// ```
+    /// use fringeworks::decode::PhaseSet;
+    ///
+    /// let thirds = [0.0, 1.0, 2.0].map(|k| k * std::f64::consts::TAU / 3.0);
+    /// let set = PhaseSet::new(vec![0, 1, 2], &thirds, vec![], 16.0)?;
+    /// assert!(set.with_offsets(&[1.0, -0.5]).is_err());
+    /// # Ok::<(), fringeworks::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// For a number of offsets that is not that of the frames.
+    pub fn with_offsets(mut self, offsets: &[f64]) -> Result<Self, Error> {
+        if !offsets.is_empty() {
+            crate::check_length("offsets", offsets.len(), self.steps())?;
+            self.offset = amplitudes_of(&self, |n| offsets[n]).map(|v| v as f32);
+            self.solver.balanced = false; // The short solution leaves no place for offsets.
+        }
+        Ok(self)
     }
 
     pub(in super::super) fn check(&self, frames: usize) -> Result<(), Error> {

@@ -184,10 +184,13 @@ fn fit_block<const BALANCED: bool, const SKEW: bool, const SHOT: bool>(
 ) {
     // Copies: what might change in memory between two pixels keeps a loop from using vectors.
     let (m, v) = (set.solver.inverse, set.solver.covariance);
-    let skew = set.solver.skew.unwrap_or_default();
+    let (skew, offset) = (set.solver.skew.unwrap_or_default(), set.offset);
     let per_power = 1.0 / v[1][1];
     for i in 0..BLOCK_PIXELS {
-        let (a, c, s) = amplitudes::<BALANCED>(&m, sums.at(i));
+        let (mut a, mut c, mut s) = amplitudes::<BALANCED>(&m, sums.at(i));
+        if !BALANCED {
+            (a, c, s) = (a - offset[0], c - offset[1], s - offset[2]);
+        }
         let power = c * c + s * s;
         out.turns[i] = angle(s, c);
         out.precision[i] = if BALANCED {

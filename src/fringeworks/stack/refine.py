@@ -172,12 +172,7 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
         return _of_code(decoding, lines, known)
     planes = [sample.points[k] for k in decoding.frames]
     plain = decoding
-    decoding, ripples = without_ripples(decoding, lines, planes, known)
-    if known.estimate_steps and _light_differs(plain, decoding, ripples):
-        even = with_offsets(_with_designs_of(plain, decoding), planes, known)
-        if any(phases.offsets for phases in even.sets):
-            start = replace(plain, sets=tuple(map(_with_offsets_of, plain.sets, even.sets)))
-            decoding, ripples = without_ripples(start, lines, planes, known)
+    decoding, ripples = _without_frame_errors(decoding, lines, planes, known)
     findings: list[Finding] = words.own_response(plain, decoding)
     pairs = zip(decoding.sets, ripples, strict=True)
     left = [_with_harmonics(phases, ripple, decoding.axis) for phases, ripple in pairs]
@@ -214,22 +209,29 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     return _compared(found, decode_sample(decoding, lines, known.noise, known.limits), lines, known)
 
 
+def _without_frame_errors(
+    plain: Decoding, lines: list[NDArray[Any]], planes: list[NDArray[Any]], known: Known
+) -> tuple[Decoding, list[Ripple | None]]:
+    """The decoding without what wrong frames and a response do to the phases, and what is left."""
+    found, ripples = without_ripples(plain, lines, planes, known)
+    if not known.estimate_steps or not _light_differs(plain, found, ripples):
+        return found, ripples
+    # Offsets are looked for without the gains that they may have been taken for.
+    pairs = zip(plain.sets, found.sets, strict=True)
+    start = [replace(f, design=p.design, unsure=p.unsure) for p, f in pairs]
+    even = with_offsets(replace(found, sets=tuple(start)), planes, known).sets
+    if not any(phases.offsets for phases in even):
+        return found, ripples
+    pairs = zip(plain.sets, even, strict=True)
+    sets = tuple(replace(p, offsets=e.offsets) for p, e in pairs)
+    return without_ripples(replace(plain, sets=sets), lines, planes, known)
+
+
 def _light_differs(plain: Decoding, found: Decoding, ripples: list[Ripple | None]) -> bool:
     """Whether phases have, or had, a ripple of one per fringe, as light that differs makes."""
     pairs = zip(plain.sets, found.sets, strict=True)
     taken_out = any(before.design != after.design for before, after in pairs)
     return taken_out or any(r is not None and r.significant(1) != 0 for r in ripples)
-
-
-def _with_designs_of(plain: Decoding, found: Decoding) -> Decoding:
-    """The decoding that was found, with the designs of another one."""
-    pairs = zip(plain.sets, found.sets, strict=True)
-    sets = [replace(f, design=p.design, unsure=p.unsure) for p, f in pairs]
-    return replace(found, sets=tuple(sets))
-
-
-def _with_offsets_of(phases: PhaseFrames, other: PhaseFrames) -> PhaseFrames:
-    return replace(phases, offsets=other.offsets)
 
 
 def _by_finest(decoding: Decoding, maps: dict[str, Any], known: Known) -> tuple[FloatMap, FloatMap]:

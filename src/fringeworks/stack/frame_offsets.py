@@ -34,6 +34,10 @@ from fringeworks.types import FloatMap
 CHANCE = 1e-6
 """Share of stacks without any offset in which noise makes one that counts."""
 
+MOST_OF_FRINGES = 0.5
+"""Largest m, as a share of the usual modulation. What it does was derived for small ones, and a
+frame that is dark, or of another pattern, looks like a larger one."""
+
 PASSES = 3
 """Estimates after one another: pixels that an offset had turned too far take part in the next."""
 
@@ -233,7 +237,8 @@ def _waves(
         chance = [k for k in sets if not _counts(*told.offset(k), decoding.sets[k], known)]
         if not chance:
             waves[sets] = [complex(*told.offset(k)[0]) for k in sets]
-            break
+            small = np.abs(waves) <= MOST_OF_FRINGES * np.median(pixels.modulation, axis=1)
+            return np.where(small, waves, 0.0)
         sets = [k for k in sets if k not in chance]
         told = _posterior(normal, pull, pixels.usual, likeliest, sets)
     return waves

@@ -11,7 +11,13 @@ import numpy as np
 from fringeworks.rig.robot.board_views import SeenBoards
 from fringeworks.rig.robot.estimate import CONTRADICT, Data, solved
 from fringeworks.rig.robot.fit import MOST_MM, Fit, fitted, started
-from fringeworks.rig.robot.motion import FLOOR_DEG, check_motion
+from fringeworks.rig.robot.motion import (
+    FLOOR_DEG,
+    MIN_POSES,
+    check_motion,
+    is_determined,
+    turns_deg,
+)
 from fringeworks.rig.robot.readings import (
     SHAPES,
     Reading,
@@ -65,10 +71,15 @@ def chosen(poses: RobotPoses, seen: SeenBoards, mount: Mount, stated: RobotNoise
     the readings that would if something else had been stated; as ``fitted``.
     """
     open_readings = distinct(poses)
-    # Rotations of wrong readings differ, but are as large: all are refused for the same motion.
-    for _, T in open_readings[:1]:
-        noise = FLOOR_DEG if stated is None else stated.rotation_deg
+    noise = FLOOR_DEG if stated is None else stated.rotation_deg
+    T = _as_large(open_readings, seen)
+    try:
         check_motion(Data(T, seen, mount).motions, noise, mount)
+    except InputError as error:
+        # The board turned, so that the reading is wrong and not the motion.
+        if is_determined(seen.T_camera_board, noise):
+            _refuse(poses, seen, mount, stated, error)
+        raise
     fits, last = _fits(open_readings, seen, mount, stated)
     if not fits:
         _refuse(poses, seen, mount, stated, last)
@@ -92,6 +103,19 @@ def chosen(poses: RobotPoses, seen: SeenBoards, mount: Mount, stated: RobotNoise
         _refuse_inverse(best, mount)
     more, second = compared[0] if compared else (math.inf, None)
     return Chosen(best, fit, len(open_readings), second, more)
+
+
+def _as_large(readings: Sequence[tuple[Reading, FloatMap]], seen: SeenBoards) -> FloatMap:
+    """The poses of the reading by which the robot turned as far as the board did.
+
+    Radians that are read as degrees would look like no rotation at all.
+    """
+    if len(seen) < MIN_POSES:
+        return readings[0][1]
+    board = turns_deg(seen.T_camera_board)
+    return min(
+        (T for _, T in readings), key=lambda T: float(np.median(np.abs(turns_deg(T) - board)))
+    )
 
 
 def _check_found(best: Reading, fit: Fit) -> None:

@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
+from fringeworks.rig.robot.start import rotation_vectors
 from fringeworks.types import FloatMap, InputError, Mount
 
 MIN_POSES = 4
@@ -48,6 +49,23 @@ def motion_of(G: FloatMap) -> Motion:
     degrees = np.degrees(np.sqrt(np.maximum(values, 0.0)))
     x, y, z = (float(v) for v in vectors[:, 0])
     return Motion(float(degrees[2]), float(degrees[0]), (x, y, z))
+
+
+def turns_deg(G: FloatMap) -> FloatMap:
+    """Angles of the rotations between all pairs of poses (n, 4, 4), degrees.
+
+    They are the same on both sides of a transform: those of the robot are those of the board.
+    """
+    one, two = (list(part) for part in zip(*combinations(range(len(G)), 2), strict=True))
+    between = G[two, :3, :3] @ np.swapaxes(G[one, :3, :3], 1, 2)
+    turned: FloatMap = np.degrees(np.linalg.norm(rotation_vectors(between), axis=-1))
+    return turned
+
+
+def is_determined(G: FloatMap, rotation_deg: float) -> bool:
+    """Whether poses turn about two axes, so that they determine a transform; see
+    ``check_motion``."""
+    return len(G) >= MIN_POSES and motion_of(G).across_deg >= LEAST_RATIO * 2.0 * rotation_deg
 
 
 def check_motion(G: FloatMap, rotation_deg: float, mount: Mount) -> None:

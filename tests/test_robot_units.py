@@ -1,0 +1,62 @@
+"""Units of robot poses: what a reading with another unit would look like is not believed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fringeworks as fw
+from fringeworks.rig.robot.base import base_camera
+from fringeworks.rig.robot.readings import CONVENTIONS, readings_of
+from tests.robots import robot, written
+
+RADIANS = ("ur", "ros-rpy", "xyz:rad:m")
+
+
+def reading(word):
+    """The first reading of a maker's name or of words."""
+    return CONVENTIONS.get(word) or readings_of(word, ("xyz",))[0]
+
+
+@pytest.mark.parametrize("mount", ["hand", "base"])
+@pytest.mark.parametrize("word", RADIANS)
+def test_radians_of_a_few_poses_are_no_motion_without_turns(word, mount):
+    """As degrees, the turns of five poses are as small as the noise."""
+    made = robot(935, 5, mount)
+    numbers = written(made.T_base_flange, reading(word))
+    found = made.calibrated(fw.rig.robot_poses(numbers))
+    assert found.robot.poses_as == reading(word).spec
+    assert (np.abs(made.error(found.robot.T_mount_camera)) < 5.0 * found.sigma).all()
+    with pytest.raises(fw.InputError, match=f"they fit as {reading(word).spec}"):
+        made.calibrated(fw.rig.robot_poses(numbers, "deg"))
+
+
+def test_a_pose_in_the_other_unit_is_asked_about(tmp_path):
+    """Numbers in mm at a robot that was calibrated in m, and the other way round."""
+    made = robot(936)
+    rig = fw.simulate.standard_rig()
+    for length, other in (("mm", "m"), ("m", "mm")):
+        here = replace(CONVENTIONS["ur"], length=length)
+        found = made.calibrated(fw.rig.robot_poses(written(made.T_base_flange, here)))
+        away = np.linalg.norm(made.T_base_flange[:, :3, 3], axis=1)
+        assert found.robot.reach_mm == pytest.approx(np.median(away))
+        fw.files.write_rig(tmp_path / "rig.toml", replace(rig, robot=found.robot))
+        known = fw.files.read_rig(tmp_path / "rig.toml")
+        assert known.robot.reach_mm == pytest.approx(found.robot.reach_mm, abs=1e-3)
+        one = made.T_base_flange[:1]
+        right = fw.rig.robot_poses(written(one, here))
+        T, _ = base_camera(known, right)
+        np.testing.assert_allclose(T, one[0] @ known.robot.T_mount_camera, atol=1e-6)
+        wrong = written(one, replace(here, length=other))
+        with pytest.raises(fw.InputError, match=rf"if the numbers are in {other}; at the calib"):
+            base_camera(known, fw.rig.robot_poses(wrong))
+        # A unit that is stated is taken.
+        base_camera(known, fw.rig.robot_poses(wrong, length))
+
+
+def test_a_reach_that_is_none_is_refused():
+    for wrong in (0.0, -1.0, float("nan")):
+        with pytest.raises(fw.InputError, match="reach_mm: expected mm > 0"):
+            fw.rig.RobotFrame("hand", np.eye(4), reach_mm=wrong)

@@ -186,7 +186,7 @@ def hid_library() -> Any:
 
 
 def open_hid(ids: tuple[int, int], serial: str, name: str) -> HidDevice:
-    """Open a device by vendor and product, and by what ``hid_serials`` calls it where that is given.
+    """Open a device by vendor and product, and by its name in ``hid_serials`` where that is given.
 
     Raises
     ------

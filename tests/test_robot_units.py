@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import fringeworks as fw
+from fringeworks.rig.pinhole import inverse, pose, rotation
 from fringeworks.rig.robot.base import base_camera
 from fringeworks.rig.robot.readings import CONVENTIONS, readings_of
-from tests.robots import robot, written
+from tests.robots import board_places, robot, written
 
 RADIANS = ("ur", "ros-rpy", "xyz:rad:m")
+TURNS = np.linspace(-0.5, 0.5, 8)
+"""Angles of a board about one axis, rad."""
 
 
 def reading(word):
@@ -31,6 +35,26 @@ def test_radians_of_a_few_poses_are_no_motion_without_turns(word, mount):
     assert (np.abs(made.error(found.robot.T_mount_camera)) < 5.0 * found.sigma).all()
     with pytest.raises(fw.InputError, match=f"they fit as {reading(word).spec}"):
         made.calibrated(fw.rig.robot_poses(numbers, "deg"))
+
+
+@pytest.mark.parametrize("mount", ["hand", "base"])
+def test_the_axis_that_is_named_is_that_of_the_right_side(mount):
+    """Wrong readings turn as far about another axis: none is named then."""
+    rng = np.random.default_rng(937)
+    first, axis = board_places(rng, 1)[0], np.array([0.6, 0.0, 0.8])
+    middle = pose(np.eye(3), np.array([0.0, 0.0, 500.0]))
+    turns = [middle @ pose(rotation(a * axis), np.zeros(3)) @ inverse(middle) for a in TURNS]
+    made = robot(937, mount=mount, places=[turn @ first for turn in turns], noise=(0.0, 0.0))
+    there = made.X[:3, :3] @ axis
+    for word in ("kuka", "ros", "ur"):
+        written_as = written(made.T_base_flange, CONVENTIONS[word])
+        with pytest.raises(fw.InputError, match=r"about one axis only \(by \d"):
+            made.calibrated(fw.rig.robot_poses(written_as))
+        numbers = fw.rig.robot_poses(written_as, word)
+        with pytest.raises(fw.InputError, match="about one axis only") as said:
+            made.calibrated(numbers)
+        found = [float(n) for n in re.findall(r"[+-]\d\.\d\d", str(said.value))]
+        assert abs(np.dot(found, there)) == pytest.approx(1.0, abs=0.02), word
 
 
 def test_a_pose_in_the_other_unit_is_asked_about(tmp_path):

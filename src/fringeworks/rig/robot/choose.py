@@ -73,8 +73,9 @@ def chosen(poses: RobotPoses, seen: SeenBoards, mount: Mount, stated: RobotNoise
     open_readings = distinct(poses)
     noise = FLOOR_DEG if stated is None else stated.rotation_deg
     T = _as_large(open_readings, seen)
+    certain = sum(not reading.inverse for reading, _ in open_readings) <= 1
     try:
-        check_motion(Data(T, seen, mount).motions, noise, mount)
+        check_motion(Data(T, seen, mount).motions, noise, mount, certain=certain)
     except InputError as error:
         # The board turned, so that the reading is wrong and not the motion.
         if is_determined(seen.T_camera_board, noise):
@@ -113,8 +114,11 @@ def _as_large(readings: Sequence[tuple[Reading, FloatMap]], seen: SeenBoards) ->
     if len(seen) < MIN_POSES:
         return readings[0][1]
     board = turns_deg(seen.T_camera_board)
+    # Inverse poses turn as far, but their axis is that of the other side.
+    direct = [T for reading, T in readings if not reading.inverse]
     return min(
-        (T for _, T in readings), key=lambda T: float(np.median(np.abs(turns_deg(T) - board)))
+        direct or [T for _, T in readings],
+        key=lambda T: float(np.median(np.abs(turns_deg(T) - board))),
     )
 
 

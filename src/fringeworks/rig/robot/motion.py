@@ -68,7 +68,7 @@ def is_determined(G: FloatMap, rotation_deg: float) -> bool:
     return len(G) >= MIN_POSES and motion_of(G).across_deg >= LEAST_RATIO * 2.0 * rotation_deg
 
 
-def check_motion(G: FloatMap, rotation_deg: float, mount: Mount) -> None:
+def check_motion(G: FloatMap, rotation_deg: float, mount: Mount, *, certain: bool = True) -> None:
     """Refuse motions that leave the camera's place undetermined.
 
     Parameters
@@ -78,6 +78,8 @@ def check_motion(G: FloatMap, rotation_deg: float, mount: Mount) -> None:
     rotation_deg : float
         Standard deviation of a rotation of robot and corners together, degrees.
     mount : "hand" or "base"
+    certain : bool
+        Whether the poses can be read in one way only, so that their axis is worth naming.
 
     Raises
     ------
@@ -96,10 +98,10 @@ def check_motion(G: FloatMap, rotation_deg: float, mount: Mount) -> None:
             f"{ADVICE}"
         )
     if found.across_deg < least:
-        axis = ", ".join(f"{v:+.2f}" for v in found.axis)
         side = "flange" if mount == "hand" else "base"
+        axis = ", ".join(f"{v:+.2f}" for v in found.axis) + f" of the {side}; " if certain else ""
         raise InputError(
-            f"hand-eye: the robot turned {moved} about one axis only ({axis} of the {side}; by "
+            f"hand-eye: the robot turned {moved} about one axis only ({axis}by "
             f"{found.across_deg:.2g}° about others, with an error of {rotation_deg:.2g}°): the "
             f"camera's place along this axis is not determined; {ADVICE}"
         )

@@ -8,6 +8,8 @@ import pytest
 import fringeworks as fw
 from fringeworks.report.kinds.surface import cloud_sheet
 from fringeworks.report.page.report import write_report
+from fringeworks.report.viewer.content import content_of
+from fringeworks.report.viewer.pack import pack_surface
 from fringeworks.rig.pinhole import pose, rotation
 from tests.commands import run
 from tests.surfaces import H, W, cloud_of
@@ -39,6 +41,7 @@ def test_a_report_names_the_coordinates(clouds, tmp_path):
         write_report(tmp_path / "report.html", cloud)
         text = (tmp_path / "report.html").read_text(encoding="utf-8")
         assert (">coordinates<" in text and ">base<" in text) == there
+        assert ("and reasons, in camera coordinates." in text) == there
 
 
 def test_a_mesh_names_the_coordinates(clouds, tmp_path):
@@ -46,3 +49,18 @@ def test_a_mesh_names_the_coordinates(clouds, tmp_path):
         fw.files.write_points(tmp_path / "a.npz", cloud)
         done = run("mesh", "a.npz", "--out", "a.stl", cwd=tmp_path)
         assert f"the mesh is open, in {words};" in done.stdout
+
+
+def test_a_viewer_looks_from_the_camera_and_says_so(clouds):
+    """σ, edges and normals follow the rays of the camera, wherever the points are."""
+    before, placed = (content_of(cloud, None, 1) for cloud in clouds)
+    np.testing.assert_allclose(placed.points, before.points, atol=3e-4)
+    assert placed.lattice is not None
+    assert before.notes == ()
+    (said,) = placed.notes
+    assert said == "shown in camera coordinates; the points are in coordinates of base"
+    headers = [pack_surface(cloud).header for cloud in clouds]
+    assert "placed" not in headers[0]
+    name, T = headers[1]["placed"]
+    assert name == "base"
+    np.testing.assert_allclose(np.reshape(T, (4, 4)), PLACE)

@@ -302,15 +302,17 @@ def cloud_chapter(cloud: PointCloud, result: object, context: Context) -> Chapte
         ("median σ of pixel noise", sigma_with_unit(values["median_noise_mm"], "mm")),
         ("epipolar error (rms)", with_unit(values["residual_rms_px"], "px")),
     ]
+    shown = "The points with their standard deviations and reasons"
     if cloud.placement is not None:
         rows.append(("coordinates", cloud.frame))
+        shown += ", in camera coordinates"
     blocks: list[Block] = [
         facts(rows),
         *judged_block(values, context),
         surface_block(
             result,
             context,
-            "The points with their standard deviations and reasons.",
+            f"{shown}.",
             lambda: maps_of(result),
         ),
         *findings_block(values["findings"]),

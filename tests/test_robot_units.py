@@ -84,3 +84,23 @@ def test_a_reach_that_is_none_is_refused():
     for wrong in (0.0, -1.0, float("nan")):
         with pytest.raises(fw.InputError, match="reach_mm: expected mm > 0"):
             fw.rig.RobotFrame("hand", np.eye(4), reach_mm=wrong)
+
+
+@pytest.mark.parametrize("mount", ["hand", "base"])
+def test_a_wrong_unit_or_board_is_told_by_its_size(mount):
+    """Matrices in m, and a board of another size, agree with the views but for one factor."""
+    made = robot(938, 10, mount)
+    metres = made.T_base_flange.copy()
+    metres[:, :3, 3] /= 1000.0
+    with pytest.raises(fw.InputError, match=r"the board has 0\.\d+ ± .* % of its stated"):
+        made.calibrated(metres)
+    large = "chessboard:11x8:24"
+    for poses in (
+        made.T_base_flange,
+        fw.rig.robot_poses(written(made.T_base_flange, CONVENTIONS["kuka"]), "kuka"),
+        fw.rig.robot_poses(written(made.T_base_flange, CONVENTIONS["ros"])),
+    ):
+        with pytest.raises(fw.InputError, match=r"the board has (50|49\.9).* ± .* % of"):
+            made.calibrated(poses, board=large)
+    with pytest.raises(fw.InputError, match="same order as the views, of the same moments"):
+        made.calibrated(made.T_base_flange[::-1])

@@ -26,6 +26,7 @@ from fringeworks.rig.robot.readings import (
     inverses,
     readings_of,
 )
+from fringeworks.rig.robot.size import size_words
 from fringeworks.types import FloatMap, InputError, Mount, RobotNoise
 
 UNLIKELY = 0.01
@@ -146,9 +147,11 @@ def chosen_of_transforms(
         try:
             fitted(Data(inverses(T_base_flange), seen, mount), stated)
         except InputError:
-            pass
+            said = size_words([T_base_flange], seen, mount, stated)
         else:
             _refuse_inverse(Reading("rows", inverse=True), mount)
+        if said is not None:
+            raise InputError(said) from None
         raise
     return Chosen(None, fit, 1, None, math.inf)
 
@@ -214,10 +217,11 @@ def _refuse(
         # Wrong readings leave so much that rotations seem to drown in it: no cause to name.
         if last is not None and len(direct) <= 1 and not str(last).startswith(CONTRADICT):
             raise last
+        said = size_words((T for _, T in distinct(poses)), seen, mount, stated)
         raise InputError(
-            f"hand-eye: the robot's poses contradict the board views, read as {tried} and as all "
-            "others: are they in the same order as the views, of the same moments, and is the "
-            "board's size right?"
+            said
+            or f"{CONTRADICT}, read as {tried} and as all others: are they in the same order as "
+            "the views, of the same moments, and is the board's size right?"
         )
     if all(reading.inverse for reading, _ in fits):
         _refuse_inverse(fits[0][0], mount)

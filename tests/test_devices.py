@@ -248,6 +248,9 @@ def test_the_list_says_what_is_there_and_what_is_missing(monkeypatch):
     monkeypatch.setattr("fringeworks.devices.genicam.genicam_cameras", list)
     monkeypatch.setattr("fringeworks.devices.gentl_system.gentl_cameras", list)
     monkeypatch.setitem(sys.modules, "picamera2", None)
+    monkeypatch.setattr(
+        "fringeworks.devices.photo_camera.photo_cameras", lambda: {"usb:001,004": "Canon EOS 100D"}
+    )
     camera_kind("acme", find=lambda: [ListedDevice("acme:1", "Acme 1")])(lambda words: words)
     projectors, cameras = list_devices()
     assert [str(line) for line in projectors] == [
@@ -265,6 +268,7 @@ def test_the_list_says_what_is_there_and_what_is_missing(monkeypatch):
         ("genicam: none found", False),
         ("gentl: none found", False),
         (f"picamera: {NO_PI}", False),
+        ("gphoto2:usb:001,004: Canon EOS 100D", True),
         ("acme:1: Acme 1", True),
     ]
 

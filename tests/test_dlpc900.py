@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -264,8 +265,11 @@ class Library:
 
     def open(self, vendor, product, serial):
         self.opened.append((vendor, product, serial))
-        if self._board is None:
+        if self._board is None or serial not in (None, "S7"):
             raise OSError("open failed")
+
+    def open_path(self, path):
+        self.opened.append(path)
 
     def enumerate(self, *_):
         return [{"serial_number": "", "path": b"1-2:1.0"}, {"serial_number": "S7", "path": b""}]
@@ -282,6 +286,10 @@ def test_the_words_open_it(monkeypatch):
     assert library.opened == [(0x0451, 0xC900, "S7")]
     listed = [one.words for one in fw.devices.list_devices()[0] if "dlpc900" in one.words]
     assert listed == ["dlpc900:1-2:1.0", "dlpc900:S7"]
+    library = Library(fake_dlp.Dlpc900(hardware=5))
+    monkeypatch.setitem(sys.modules, "hid", library)
+    with fw.devices.open_projector(listed[0]):
+        assert library.opened == [b"1-2:1.0"]
     monkeypatch.setitem(sys.modules, "hid", Library())
     with pytest.raises(
         DeviceProblem, match="dlpc900: .*of those that are there: 1-2:1.0, S7. On L"
@@ -290,3 +298,12 @@ def test_the_words_open_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "hid", None)
     with pytest.raises(MissingPackage, match=r"expected the package hidapi, got none; pip install"):
         fw.devices.open_projector("dlpc900")
+
+
+def test_another_package_with_the_module_hid(monkeypatch):
+    """The package hid binds the same library in another way; ``devices`` lists the others."""
+    monkeypatch.setitem(sys.modules, "hid", ModuleType("hid"))
+    with pytest.raises(MissingPackage, match="hidapi, got another one .* uninstall hid"):
+        fw.devices.open_projector("dlpc900")
+    listed = {one.words: one for one in fw.devices.list_devices()[0]}
+    assert "got another one with the module hid" in listed["dlpc900"].description

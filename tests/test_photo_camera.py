@@ -57,6 +57,20 @@ def studio(tmp_path, monkeypatch):
     return Studio(place)
 
 
+def test_cameras_are_listed_without_a_photograph(studio, monkeypatch):
+    def listed():
+        return [str(c) for c in fw.devices.list_devices()[1] if c.words.startswith("gphoto2")]
+
+    assert listed() == ["gphoto2:usb:001,004: Canon EOS 100D"]
+    with fw.devices.open_camera("gphoto2:usb:001,004") as camera:
+        assert camera.name == "Canon EOS 100D"
+    studio.state(gone=True)
+    assert listed() == ["gphoto2: none found"]
+    monkeypatch.setenv("PATH", "")
+    (said,) = listed()
+    assert "expected the program gphoto2, got none; apt install gphoto2" in said
+
+
 def test_a_plan_is_captured_in_raw(studio, tmp_path):
     with fw.devices.open_camera("gphoto2:usb:001,004") as camera:
         assert isinstance(camera, Camera)

@@ -30,6 +30,8 @@ def place(tmp_path_factory):
     (folder / "poses.csv").write_text(
         "name,x,y,z,q1,q2,q3,q4\nother,1,2,3,0,1,0,0\npart,400,300,500,0,0,0,1\n"
     )
+    text = (folder / "poses.csv").read_text()
+    (folder / "twice.csv").write_text(text + "part,400,300,510,0,0,0,1\n")
     return folder
 
 
@@ -68,6 +70,10 @@ def test_points_in_the_base(place):
             "as at the hand-eye calibration",
         ),
         (["--rig", "hand.toml", "--in", "robot", "--robot-pose", "1,2"], "robot pose: expected"),
+        (
+            ["--rig", "hand.toml", "--in", "robot", "--robot-pose", "twice.csv"],
+            "expected one pose with the name part, got 2",
+        ),
     ],
 )
 def test_what_is_missing_is_said(place, options, words):
@@ -104,6 +110,11 @@ def test_hand_eye_says_what_it_needs(place):
         fw.files.write_frame(place / "board" / seen, np.zeros((102, 128), np.uint8))
     done = run("hand-eye", "board", *given, cwd=place, code=2)
     assert "pose for each of the 3 views, or poses with the names of the views" in done.stderr
+    twice = "name,x,y,z,q1,q2,q3,q4\nv1,1,2,3,0,1,0,0\nv2,1,2,3,0,1,0,0\nv3,1,2,3,0,1,0,0\n"
+    (place / "twice-v2.csv").write_text(twice + "v2,9,2,3,0,1,0,0\n")
+    again = [*given[:6], "--robot-poses", "twice-v2.csv", "--out", "d.toml"]
+    done = run("hand-eye", "board", *again, cwd=place, code=2)
+    assert "expected one robot pose with the name v2, got 2" in done.stderr
     done = run("hand-eye", "board", *given, "--robot-noise", "0.1", cwd=place, code=2)
     assert "--robot-noise: expected mm and degrees, as 0.05,0.01, got 1" in done.stderr
     assert not (place / "d.toml").exists()

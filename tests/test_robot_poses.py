@@ -78,6 +78,13 @@ FILES = {
     "ros message": ("ros", "a.json", ros_json("ros")),
     "ros transform": ("ros", "a.json", stamped_json("ros")),
     "ros angles": ("ros-rpy", "a.csv", "x,y,z,roll,pitch,yaw\n" + lines("ros-rpy", SIX)),
+    "yaskawa job": ("yaskawa", "a.jbi", "/JOB\n//POS\n///RECTAN\n" + lines("yaskawa", "C00001=" + SIX)),
+    "doosan program": ("doosan", "a.txt", lines("doosan", f"movel(posx({SIX}), v=50)")),
+    "tf2_echo": ("ros", "a.txt", lines("ros", "At time 17.5\n- Translation: [{}, {}, {}]\n- Rotation: "
+                 "in Quaternion (xyzw) [{}, {}, {}, {}]\n- Rotation: in RPY (radian) [1, 2, 3]")),
+    "libfranka": ("franka", "a.json", json.dumps([{"O_T_EE": row.tolist()} for row in numbers("franka")])),
+    "units of groups": ("abb", "a.json", json.dumps(
+        [{"position_mm": r[:3].tolist(), "quaternion_wxyz": r[3:].tolist()} for r in numbers("abb")])),
     "rows": ("matrix", "a.json", json.dumps(numbers("matrix").reshape(-1, 4, 4).tolist())),
     "columns": ("franka", "a.json", json.dumps({"convention": "franka", "poses": numbers("franka").tolist()})),
 }  # fmt: skip
@@ -141,7 +148,8 @@ def test_a_column_that_is_there_twice_is_named(tmp_path):
 
 
 def test_a_program_leaves_only_the_direction_open(tmp_path):
-    for kind in ("ur script", "abb program", "fanuc program"):
+    programs = ("ur script", "abb program", "fanuc program", "yaskawa job", "doosan program")
+    for kind in (*programs, "tf2_echo", "libfranka", "units of groups"):
         maker, name, text = FILES[kind]
         (tmp_path / name).write_text(text)
         poses = fw.files.read_robot_poses(tmp_path / name)
@@ -184,6 +192,10 @@ def test_names_are_kept(tmp_path):
         ("a.json", '[{"x": 1}]', "expected x, y and z"),
         ("a.json", "7", "expected a list of poses"),
         ("a.json", '[{"position": [1, 2], "orientation": [1, 0, 0, 0]}]', "three numbers"),
+        ("a.json", '[{"O_T_XX": [1, 2], "q": 1}]', "expected x, y and z of a pose, got q"),
+        ("a.json", '[{"O_T_XX": [1, 2]}]', "expected the numbers of a pose, got o_t_xx"),
+        ("a.csv", "X1,Y1,Z1,A1,B1,C1\n600,0,400,90,0,180", "expected x, y and z of a pose, got x1"),
+        ("a.jbi", "///PULSE\nC00001=1,2,3,4,5,6", "got pulses of the motors"),
         ("a.xlsx", "", "expected one of .csv"),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -228,6 +229,19 @@ def test_a_bag_of_the_node_is_read_by_rosbags(core, files, store, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("mount", "given", "frame"),
+    [("base", "", "base_link"), ("hand", "", "tool0"), ("hand", "flange", "flange")],
+)
+def test_the_camera_hangs_on_base_or_flange(core, files, store, mount, given, frame):
+    """A camera in the hand is not one that stands on the base."""
+    rig = fw.files.read_rig(files["rig"])
+    fw.files.write_rig(files["rig"], replace(rig, robot=replace(rig.robot, mount=mount)))
+    make = RosMessages(store.types.__getitem__)
+    scanner = core.ScannerCore(core.Parameters(**files | {"mount_frame": given}), make)
+    assert scanner.transforms(STAMP).transforms[1].header.frame_id == frame
+
+
+@pytest.mark.parametrize(
     ("changed", "call", "said"),
     [
         ({"rig": ""}, "capture", "expected a rig file, got none"),
@@ -249,6 +263,33 @@ def test_what_fails_is_said(core, files, store, changed, call, said):
     scanner.close()
 
 
+def test_poses_that_were_deleted_or_interrupted_are_in_nobodys_way(
+    core, files, store, tmp_path, monkeypatch
+):
+    """A bad pose is deleted, and one in which the camera was unplugged is taken anew."""
+    scanner = core.ScannerCore(core.Parameters(**files), RosMessages(store.types.__getitem__))
+    for name in ("pose_00", "pose_01"):
+        assert name in scanner.take_pose(STAMP).said
+    shutil.rmtree(tmp_path / "poses" / "pose_00")
+    assert "pose_02" in scanner.take_pose(STAMP).said
+    grab, left = VirtualCamera.grab, iter(range(5))
+
+    def unplugged(camera, *given, **named):
+        if next(left, None) is None:
+            raise fw.DeviceProblem("camera: it was unplugged")
+        return grab(camera, *given, **named)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(VirtualCamera, "grab", unplugged)
+        found = scanner.take_pose(STAMP)
+        assert (found.good, found.said) == (False, "camera: it was unplugged")
+    found = scanner.take_pose(STAMP)
+    assert found.good, found.said
+    names = sorted(path.name for path in (tmp_path / "poses").iterdir())
+    assert names == ["pose_01", "pose_02", "pose_03"]
+    fw.files.read_stack(tmp_path / "poses" / "pose_03")
+
+
 def test_poses_are_taken_and_calibrate(core, files, store, tmp_path):
     """The rig file that the node started with stays as it is."""
     make = RosMessages(store.types.__getitem__)
@@ -265,6 +306,7 @@ def test_poses_are_taken_and_calibrate(core, files, store, tmp_path):
         scanner.close()
     found = scanner.calibrate(STAMP)
     assert found.good, found.said
+    assert found.said.startswith("good for ±")
     assert "hand-eye is run again" in found.said
     assert (tmp_path / "rig.toml").read_bytes() == before
     rig = fw.files.read_rig(tmp_path / "new.toml")

@@ -297,3 +297,41 @@ def test_one_of_two_cameras_may_be_late(tmp_path):
     for folder in capture_together(b.projector, [b.camera, late], plan(), folders):
         for frame, picture in zip(read_stack(folder).frames, encode(plan()), strict=True):
             assert np.abs(frame - expected(picture)).mean() < 2
+
+
+def test_two_cameras_go_on_where_one_was_unplugged(tmp_path):
+    """What both have is kept; a frame that one lost is taken again for that one alone."""
+    b = bench()
+    other = VirtualCamera(b.camera.scene, b.projector, b.camera.model, seed=1)
+    asked = CameraSettings(gain_db=2.0)
+    folders = [tmp_path / "one", tmp_path / "other"]
+    with pytest.raises(InputError, match="folders: expected another one for each camera"):
+        capture_together(b.projector, [b.camera, other], plan(), [folders[0]] * 2)
+
+    def stop(label, told=[]):  # noqa: B006, counts over calls
+        told.append(label)
+        if len(told) == 5:
+            raise DeviceProblem("other: it was unplugged")
+
+    with pytest.raises(DeviceProblem, match="unplugged"):
+        capture_together(
+            b.projector, [b.camera, other], plan(), folders, settings=asked, progress=stop
+        )
+    kept = {p: p.read_bytes() for folder in folders for p in folder.glob("*.png")}
+    assert len(kept) in (8, 10)
+    lost = sorted(folders[1].glob("*.png"))[0]
+    lost.unlink()
+    taken = []
+    capture_together(
+        b.projector, [b.camera, other], plan(), folders, resume=True, progress=taken.append
+    )
+    assert len(taken) == len(plan().labels()) - len(kept) // 2 + 1
+    assert all(path.read_bytes() == content for path, content in kept.items() if path != lost)
+    for folder in folders:
+        assert read_stack(folder).frames[0].shape == b.camera.scene.shape
+    assert other.configure(CameraSettings()).gain_db == 2.0
+    again = []
+    capture_together(
+        b.projector, [b.camera, other], plan(), folders, resume=True, progress=again.append
+    )
+    assert not again

@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 import time
+from types import ModuleType
 
 import pytest
 
@@ -243,4 +244,11 @@ def test_without_pyserial(monkeypatch):
     with pytest.raises(
         MissingPackage, match="expected the package pyserial, got none; pip install"
     ):
+        TriggerBox("/dev/none")
+
+
+def test_another_package_with_the_module_serial(monkeypatch):
+    """The package serial has nothing to do with ports."""
+    monkeypatch.setitem(sys.modules, "serial", ModuleType("serial"))
+    with pytest.raises(MissingPackage, match="pyserial, got another one .* uninstall serial"):
         TriggerBox("/dev/none")

@@ -238,7 +238,20 @@ def test_who_may_scan(served, headers, status):
     ("wanted", "said"),
     [
         # Every scan of a program that leaves its key empty would get the first one's job.
-        ({"key": ""}, "key: String should have at least 1 character"),
+        ({"key": ""}, "key: expected 1 or more letters, got none"),
+        ({"frame": "world"}, "frame: expected 'camera' or 'base', got world"),
+        ({"formats": ["npz", "obj"]}, "formats.1: expected 'npz', 'ply' or 'depth', got obj"),
+        ({"formats": "npz"}, "formats: expected a list, got npz"),
+        ({"hdr": 99}, "hdr: expected 8 or less, got 99"),
+        ({"hdr": 1.5}, "hdr: expected a whole number, got 1.5"),
+        ({"average": "many"}, "average: expected a whole number, got many"),
+        ({"fast": 7}, "fast: expected true or false, got 7"),
+        ({"name": 7}, "name: expected text, got 7"),
+        ({"name": "n" * 100}, "name: expected 64 letters or fewer, got nnnn"),
+        ({"recipe": "../x"}, "recipe: expected letters and digits, with . _ and -"),
+        ([1], "request: expected a JSON object, got something else"),
+        ({"fast": True}, "fast: expected a set-up with a measured delay, got none"),
+        ({"fast": True, "hdr": 3}, "fast cannot be combined with hdr"),
         ({"robot_pose": "1,2,3"}, "robot pose: expected 6, 7, 12 or 16 numbers for a pose, got 3"),
         ({"robot_pose": "x=1 y=2"}, "robot pose: expected"),
     ],
@@ -247,6 +260,16 @@ def test_a_wrong_request_is_the_clients_fault(served, wanted, said):
     answer = served.web.post("/v1/scans", json=wanted)
     assert answer.status_code == 422
     assert answer.json()["problem"].startswith(said)
+
+
+def test_a_body_without_its_type_is_told_the_header(served):
+    answer = served.web.post("/v1/scans", content=b'{"name": "part"}')
+    assert answer.status_code == 422
+    said = "request: expected the header Content-Type: application/json, got none"
+    assert answer.json()["problem"] == said
+    answer = served.web.put("/v1/jobs/1")
+    assert answer.status_code == 405
+    assert answer.json()["problem"].startswith("PUT /v1/jobs/1: there is no such request; GET /op")
 
 
 def test_a_browser_signs_in_with_the_token(served):

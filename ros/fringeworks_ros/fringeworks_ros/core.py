@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 import fringeworks as fw
 from fringeworks.devices.clock import clock_of
+from fringeworks.files.capture_writer import UNFINISHED_FILE
 from fringeworks.files.ros_messages import NANOSECONDS, RosMessages
 from fringeworks.scan.bench import Bench, Take, open_bench, take, take_in_memory
 from fringeworks.types import FloatMap
@@ -22,6 +23,9 @@ C)."""
 STAMPED_S = 1.0
 """Largest difference of a frame's PTP time from the node's clock when it arrives, s: exposure,
 readout and network. With more, the two count from different moments."""
+MOUNT_FRAMES: dict[str, str] = {"base": "base_link", "hand": "tool0"}
+"""Names of the coordinates that hold the camera, by where it is: those of the robots of
+ROS-Industrial. ``tool0`` is the flange as the robot's controller states its poses (REP 199)."""
 OK, WARNING, ERROR = 0, 1, 2
 """Levels of DiagnosticStatus."""
 
@@ -48,8 +52,9 @@ class Parameters:
     camera_frame: str = "scanner_optical_frame"
     """Coordinates of the camera: x right, y down, z forward."""
     projector_frame: str = "scanner_projector_frame"
-    mount_frame: str = "base_link"
-    """Coordinates of the robot's base, or of its flange with the camera in the hand."""
+    mount_frame: str = ""
+    """Coordinates of the robot's base, or of its flange with the camera in the hand. Empty for
+    ``MOUNT_FRAMES``."""
     auto_exposure: bool = False
     average: int = 1
     ptp: bool = False
@@ -151,8 +156,9 @@ class ScannerCore:
         try:
             folder = Path(self.parameters.poses)
             folder.mkdir(parents=True, exist_ok=True)
-            name = f"pose_{len(list(folder.glob('pose_*'))):02d}"
-            take(self._devices(), folder / name, self._how())
+            name = _next_pose(folder)
+            # An interrupted pose is taken anew: the board may have moved since.
+            take(self._devices(), folder / name, replace(self._how(), force=True))
         except (fw.InputError, OSError) as problem:
             return self._failed(problem, stamp_ns)
         self._tell(OK, f"took {name}", {})
@@ -170,7 +176,7 @@ class ScannerCore:
         except fw.InputError as problem:
             return self._failed(problem, stamp_ns)
         self.rig = found.rig
-        said = f"{fw.rig.verdict(found)}; wrote {target}"
+        said = f"{fw.rig.verdict(found).text}; wrote {target}"
         if robot is not None:
             said += "; the camera's place on the robot is unknown until hand-eye is run again"
         self._tell(OK, said, {})
@@ -186,7 +192,8 @@ class ScannerCore:
             header = self._make.header(stamp_ns, given.camera_frame)
             made.append(self._make.transform(T, header, given.projector_frame))
             if self.rig.robot is not None:
-                header = self._make.header(stamp_ns, given.mount_frame)
+                mount = given.mount_frame or MOUNT_FRAMES[self.rig.robot.mount]
+                header = self._make.header(stamp_ns, mount)
                 T = self.rig.robot.T_mount_camera
                 made.append(self._make.transform(T, header, given.camera_frame))
         return self._make.kinds("tf2_msgs/msg/TFMessage")(transforms=made)
@@ -242,6 +249,16 @@ class ScannerCore:
 
     def _tell(self, level: int, said: str, values: dict[str, object]) -> None:
         self._level, self._last, self._values = level, said, values
+
+
+def _next_pose(folder: Path) -> str:
+    """Name of the next pose: that of one that was interrupted, or after the largest, so that poses
+    may be deleted."""
+    half = sorted(folder.glob(f"pose_*/{UNFINISHED_FILE}"))
+    if half:
+        return half[0].parent.name
+    numbers = (path.name.removeprefix("pose_") for path in folder.glob("pose_*"))
+    return f"pose_{1 + max((int(n) for n in numbers if n.isdecimal()), default=-1):02d}"
 
 
 def _where(cloud: fw.PointCloud, values: FloatMap) -> FloatMap:

@@ -43,8 +43,8 @@ def mesh(
     box: Annotated[
         str | None,
         typer.Option(
-            help="Box that is kept, in camera coordinates, mm: x1:x2:y1:y2:z1:z2; leave a limit "
-            "empty for none."
+            help="Box that is kept, in the cloud's coordinates, mm: x1:x2:y1:y2:z1:z2; leave a "
+            "limit empty for none."
         ),
     ] = None,
     fill: Annotated[int, typer.Option(help="Largest hole that is filled, px.")] = 0,
@@ -92,7 +92,8 @@ def mesh(
     words.say(f"{len(found.faces)} triangles of {len(found.vertices_mm)} vertices{filled}")
     words.wrote(out)
     if plate is None and out.suffix.lower() in PRINTED:
-        words.say("the mesh is open, in camera coordinates; to print it, close it with --plate 2")
+        where = "camera coordinates" if seen.placement is None else f"coordinates of {seen.frame}"
+        words.say(f"the mesh is open, in {where}; to print it, close it with --plate 2")
 
 
 def _connected(seen: fw.PointCloud, plate: float | None, fill: int) -> fw.TriangleMesh:

@@ -94,6 +94,11 @@ class RobotOptions:
             raise fw.InputError(
                 f"--robot-pose: expected one pose or one with the name {name}, got {len(poses)}"
             )
+        if poses.names.count(names[0]) > 1:
+            raise fw.InputError(
+                f"--robot-pose: expected one pose with the name {names[0]}, got "
+                f"{poses.names.count(names[0])}"
+            )
         return poses.at([poses.names.index(names[0])])
 
 

@@ -168,19 +168,25 @@ def hid_library() -> Any:
 
     Raises
     ------
-    MissingPackage where it is not installed.
+    MissingPackage where it is not installed, or the package hid, whose module has the same name.
     """
     try:
-        return import_module("hid")
+        found = import_module("hid")
     except ImportError as error:
         raise MissingPackage(
             "a DLP projector: expected the package hidapi, got none; "
             "pip install 'fringeworks[devices]'"
         ) from error
+    if not hasattr(found, "device"):
+        raise MissingPackage(
+            "a DLP projector: expected the package hidapi, got another one with the module hid; "
+            "pip uninstall hid, then pip install --force-reinstall hidapi"
+        )
+    return found
 
 
 def open_hid(ids: tuple[int, int], serial: str, name: str) -> HidDevice:
-    """Open a device by vendor and product, and by its serial number where that is given.
+    """Open a device by vendor and product, and by its name in ``hid_serials`` where that is given.
 
     Raises
     ------
@@ -190,7 +196,11 @@ def open_hid(ids: tuple[int, int], serial: str, name: str) -> HidDevice:
     library = hid_library()
     device: HidDevice = library.device()
     try:
-        device.open(*ids, serial or None)  # type: ignore[attr-defined]
+        path = next((p for named, p in _connected(ids) if serial and named == serial), None)
+        if path is None:
+            device.open(*ids, serial or None)  # type: ignore[attr-defined]
+        else:
+            device.open_path(path)  # type: ignore[attr-defined]
     except (OSError, ValueError) as error:
         there = ", ".join(hid_serials(ids)) or "none"
         raise DeviceProblem(
@@ -202,6 +212,17 @@ def open_hid(ids: tuple[int, int], serial: str, name: str) -> HidDevice:
 
 
 def hid_serials(ids: tuple[int, int]) -> list[str]:
-    """Return the serial numbers of the devices of a vendor and product that are connected."""
+    """Return the serial numbers of the devices of a vendor and product that are connected, or their
+    places where they have none."""
+    return [name for name, _ in _connected(ids)]
+
+
+def _connected(ids: tuple[int, int]) -> list[tuple[str, bytes | None]]:
+    """Serial numbers of devices; or their places, as words and as hidapi takes them."""
     found = hid_library().enumerate(*ids)
-    return [one["serial_number"] or one["path"].decode(errors="replace") for one in found]
+    return [
+        (one["serial_number"], None)
+        if one["serial_number"]
+        else (one["path"].decode(errors="replace"), one["path"])
+        for one in found
+    ]

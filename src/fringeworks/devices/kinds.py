@@ -162,7 +162,15 @@ def open_picamera(which: str) -> Camera:
     return RaspberryCamera(int(which or "0"), channel=channel)
 
 
-@registering(CAMERA_KINDS, "camera", "gphoto2", None)
+def _photo_cameras() -> Iterator[ListedDevice]:
+    from fringeworks.devices.photo_camera import photo_cameras
+
+    # A camera is not opened: that would take a photograph.
+    for port, model in photo_cameras().items():
+        yield ListedDevice(f"gphoto2:{port}", model)
+
+
+@registering(CAMERA_KINDS, "camera", "gphoto2", _photo_cameras)
 def open_gphoto2(port: str) -> Camera:
     """``gphoto2`` or ``gphoto2:PORT``: a photo camera on USB, through the program gphoto2."""
     from fringeworks.devices.photo_camera import PhotoCamera

@@ -23,6 +23,8 @@ from fringeworks.types import CameraSettings, DeviceProblem, InputError, Missing
 
 PROGRAM = "gphoto2"
 """Name of the program; it runs as a process of its own."""
+DETECT = "--auto-detect"
+"""What lists the cameras that are connected."""
 ANSWER_S = 20.0
 """Longest wait for the program, s, beyond the exposure: a photograph of 50 megapixels takes 10 s
 over USB 2."""
@@ -56,11 +58,7 @@ class PhotoCamera(Closing):
     def __init__(self, port: str = "", *, channel: Channel = "luminance") -> None:
         self._channel = channel
         self._name = f"gphoto2 {port}".strip()
-        if shutil.which(PROGRAM) is None:
-            raise MissingPackage(
-                "a photo camera: expected the program gphoto2, got none; apt install gphoto2 "
-                "(Debian, Ubuntu), brew install gphoto2 (macOS)"
-            )
+        _need_program()
         self._port = ["--port", port] if port else []
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._size_px: tuple[int, int] | None = None
@@ -161,13 +159,12 @@ class PhotoCamera(Closing):
 
     def _model(self) -> str:
         """Model by the program's list: a line of it and its port for each camera."""
-        lines = self._run("--auto-detect").splitlines()[2:]
-        found = [re.split(r"\s{2,}", line.strip()) for line in lines if line.strip()]
+        found = _ports(_answer(self._name, [DETECT], ANSWER_S))
         wanted = self._port[1] if self._port else None
-        for parts in found:
-            if wanted is None or parts[-1] == wanted:
-                return parts[0]
-        there = ", ".join(parts[-1] for parts in found) or "none"
+        for port, model in found.items():
+            if wanted is None or port == wanted:
+                return model
+        there = ", ".join(found) or "none"
         raise DeviceProblem(
             f"{self._name}: expected a camera that is connected, switched on and not mounted as a "
             f"disk, got none; ports of cameras found: {there}"
@@ -198,27 +195,56 @@ class PhotoCamera(Closing):
 
     def _run(self, *words: str) -> str:
         """Output of the program."""
-        # With another language, other words would be printed.
-        command = [PROGRAM, *self._port, "--quiet"] if words[0] != "--auto-detect" else [PROGRAM]
         wait_s = ANSWER_S + 1e-3 * (self._exposure_ms or 0.0)
-        try:
-            done = subprocess.run(
-                [*command, *words], capture_output=True, text=True, timeout=wait_s, check=False,
-                env={**os.environ, "LC_ALL": "C"}, errors="replace",
-            )  # fmt: skip
-        except subprocess.TimeoutExpired as error:
-            raise DeviceProblem(
-                f"{self._name}: expected an answer of gphoto2 within {wait_s:g} s, got none: "
-                "switch the camera off and on"
-            ) from error
-        if done.returncode:
-            lines = [line.strip("* ") for line in done.stderr.splitlines() if line.strip("* ")]
-            lines = [line for line in lines if "rror" in line] or [*lines, "nothing"]
-            raise DeviceProblem(
-                f"{self._name}: expected a camera that is connected and switched on, got: "
-                f"{lines[0]}; connect it and resume"
-            )
-        return done.stdout
+        return _answer(self._name, [*self._port, "--quiet", *words], wait_s)
+
+
+def photo_cameras() -> dict[str, str]:
+    """Return the models of the cameras that are connected, by the program's ports.
+
+    Raises
+    ------
+    MissingPackage without the program; DeviceProblem where it does not answer.
+    """
+    _need_program()
+    return _ports(_answer(PROGRAM, [DETECT], ANSWER_S))
+
+
+def _need_program() -> None:
+    if shutil.which(PROGRAM) is None:
+        raise MissingPackage(
+            "a photo camera: expected the program gphoto2, got none; apt install gphoto2 "
+            "(Debian, Ubuntu), brew install gphoto2 (macOS)"
+        )
+
+
+def _ports(text: str) -> dict[str, str]:
+    """Models by their ports, from the program's list: a head of two lines, then a line each."""
+    lines = [re.split(r"\s{2,}", line.strip()) for line in text.splitlines()[2:] if line.strip()]
+    return {parts[-1]: parts[0] for parts in lines}
+
+
+def _answer(name: str, words: list[str], wait_s: float) -> str:
+    """Output of the program for a camera."""
+    try:
+        # With another language, other words would be printed.
+        done = subprocess.run(
+            [PROGRAM, *words], capture_output=True, text=True, timeout=wait_s, check=False,
+            env={**os.environ, "LC_ALL": "C"}, errors="replace",
+        )  # fmt: skip
+    except subprocess.TimeoutExpired as error:
+        raise DeviceProblem(
+            f"{name}: expected an answer of gphoto2 within {wait_s:g} s, got none: switch the "
+            "camera off and on"
+        ) from error
+    if done.returncode:
+        lines = [line.strip("* ") for line in done.stderr.splitlines() if line.strip("* ")]
+        lines = [line for line in lines if "rror" in line] or [*lines, "nothing"]
+        raise DeviceProblem(
+            f"{name}: expected a camera that is connected and switched on, got: {lines[0]}; "
+            "connect it and resume"
+        )
+    return done.stdout
 
 
 def _milliseconds(word: str) -> float | None:

@@ -27,7 +27,8 @@ class SerialLine:
 
     Raises
     ------
-    MissingPackage without pyserial; DeviceProblem where the port does not open.
+    MissingPackage without pyserial, or with the package serial, whose module has the same name;
+    DeviceProblem where the port does not open.
     """
 
     def __init__(self, port: str, baud: int, name: str) -> None:
@@ -39,6 +40,11 @@ class SerialLine:
                 f"{name}: expected the package pyserial, got none; "
                 "pip install 'fringeworks[devices]'"
             ) from error
+        if not hasattr(serial, "Serial"):
+            raise MissingPackage(
+                f"{name}: expected the package pyserial, got another one with the module serial; "
+                "pip uninstall serial, then pip install --force-reinstall pyserial"
+            )
         try:
             self._port: Any = serial.Serial(port, baud, timeout=READ_S, write_timeout=1.0)
         except (OSError, ValueError) as error:

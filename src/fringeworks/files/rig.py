@@ -38,6 +38,8 @@ TOML_SUFFIX = ".toml"
 """Our own rig files."""
 ROBOT_PARAMETERS = RIG_PARAMETERS[-6:]
 """Parameters of the covariance of a camera's place on a robot: rotation (rad), translation (mm)."""
+REACH_DECIMALS = 3
+"""Decimals of the flange's distance from the base, mm: only its order of magnitude is used."""
 FIELD_DIGITS = 9
 """Decimals of a field's values, px: far below what corners show."""
 HEADER = """\
@@ -49,7 +51,8 @@ HEADER = """\
 # [camera.field], [projector.field]: what is subtracted from a measured pixel before the lens model,
 # px: control points of cubic B-splines over the frame, row by row, and their standard deviations.
 # [robot]: the camera on a robot's flange (mount hand) or beside it (mount base), with standard
-# deviations in rad and mm, about the axes of flange or base, and the noise of the robot's poses.
+# deviations in rad and mm, about the axes of flange or base, and the noise of the robot's poses;
+# reach_mm is the flange's median distance from the base, which shows a pose in another unit.
 # [blur]: variance of the camera's blur by place and distance (docs/rig.md).
 """
 """Comment at the top of a rig file."""
@@ -138,6 +141,7 @@ class RobotSection(Section):
 
     mount: Literal["hand", "base"]
     poses_as: str = ""
+    reach_mm: float | None = None
     T_flange_camera: PoseSection | None = None
     """With the camera in the hand."""
     T_base_camera: PoseSection | None = None
@@ -160,6 +164,7 @@ class RobotSection(Section):
             None if u is None else covariance_of(u, ROBOT_PARAMETERS),
             None if noise is None else RobotNoise(noise.translation_mm, noise.rotation_deg),
             self.poses_as,
+            self.reach_mm,
         )
 
 
@@ -295,6 +300,8 @@ def _robot_section(robot: RobotFrame) -> dict[str, Any]:
     section: dict[str, Any] = {"mount": robot.mount}
     if robot.poses_as:
         section["poses_as"] = robot.poses_as
+    if robot.reach_mm is not None:
+        section["reach_mm"] = round(float(robot.reach_mm), REACH_DECIMALS)
     section[robot.name] = pose_section(robot.T_mount_camera)
     if robot.covariance is not None:
         section["uncertainty"] = uncertainty_section(robot.covariance, ROBOT_PARAMETERS)

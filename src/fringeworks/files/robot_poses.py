@@ -31,22 +31,32 @@ from fringeworks.types import FileProblem
 
 JSON = ".json"
 """Suffix of JSON."""
-SUFFIXES = (CSV, ".txt", JSON, ".yaml", ".yml", ".src", ".dat", ".ls", ".script", ".mod")
+SUFFIXES = (CSV, ".txt", JSON, ".yaml", ".yml", ".src", ".dat", ".ls", ".script", ".mod", ".jbi")
 """Suffixes that are read: tables, JSON, messages of ROS as ``ros2 topic echo`` prints them, and
-programs of KUKA, FANUC, UR and ABB."""
+programs of KUKA, FANUC, UR, ABB and Yaskawa."""
 REMARKS = (*COMMENTS, ";", "!", "//")
 """Beginnings of lines that say nothing: of tables, KUKA, ABB and FANUC, and others."""
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 """A number as text."""
-PAIR = re.compile(rf"(?<![\w.])([A-Za-z]{{1,5}})\s*[=:]?\s*({NUMBER})\s*(mm|m|deg|rad)?(?![\w.])")
-"""A letter with its value, as KUKA and FANUC write poses, perhaps with a unit."""
-UR_POSE = re.compile(rf"\bp\[\s*({NUMBER}(?:\s*,\s*{NUMBER}){{5}})\s*\]")
-"""A pose of URScript, p[x, y, z, rx, ry, rz]: metres and a rotation vector."""
-ABB_POSE = re.compile(
-    rf"\[\s*\[\s*({NUMBER}(?:\s*,\s*{NUMBER}){{2}})\s*\]\s*,\s*\[\s*"
-    rf"({NUMBER}(?:\s*,\s*{NUMBER}){{3}})\s*\]"
+PAIR = re.compile(
+    rf"(?<![\w.])([A-Za-z]{{1,5}})(?:\s*[=:]\s*|\s+)({NUMBER})\s*(mm|m|deg|rad)?(?![\w.])"
 )
-"""The beginning of a robtarget of ABB: [[x, y, z], [q1, q2, q3, q4]."""
+"""A letter with its value, as KUKA and FANUC write poses, perhaps with a unit. Something stands
+between them: x1 is the name of a column."""
+THREE, FOUR, SIX = (rf"({NUMBER}(?:\s*,\s*{NUMBER}){{{n - 1}}})" for n in (3, 4, 6))
+"""Numbers with commas between them."""
+PROGRAMS = {
+    "ur": re.compile(rf"\bp\[\s*{SIX}\s*\]"),
+    "abb": re.compile(rf"\[\s*\[\s*{THREE}\s*\]\s*,\s*\[\s*{FOUR}\s*\]"),
+    "doosan": re.compile(rf"\bposx\(\s*\[?\s*{SIX}\s*[\])]"),
+    "yaskawa": re.compile(rf"^[BCP]\d+=\s*{SIX}(?=\s|,|$)", re.MULTILINE),
+    "ros": re.compile(rf"Translation: \[{THREE}\]\s*-?\s*Rotation: in Quaternion[^\[]*\[{FOUR}\]"),
+}
+"""Poses as programs have them, by the words that say how they are written: p[x, y, z, rx, ry, rz]
+of URScript, the beginning [[x, y, z], [q1, q2, q3, q4] of a robtarget of ABB, posx(…) of Doosan,
+C00001=… of Yaskawa, and what ``tf2_echo`` of ROS prints."""
+PULSES = "///PULSE"
+"""Mark of positions in a job of Yaskawa that are pulses of the motors."""
 PLACE = ("x", "y", "z")
 """Names of a position."""
 MATRIX_SIZES = (12, 16)
@@ -79,10 +89,10 @@ SHIFTS = ("position", "translation", "pos", "xyz", "t", "p")
 """Names of a group with a position."""
 GROUPS = ("orientation", "rotation", "quaternion", "rot", "q", "r", "euler", "rpy")
 """Names of a group with a rotation."""
-WRAPPERS = ("pose", "transform", "matrix", "value", "values", "t_base_flange", "t_flange_base")
+DIRECTIONS = {"t_base_flange": "direct", "t_flange_base": "inverse", "o_t_ee": "franka"}
+"""Names that say which way a pose maps, or how it is written: libfranka's end effector."""
+WRAPPERS = ("pose", "transform", "matrix", "value", "values", *DIRECTIONS)
 """Names around a whole pose."""
-DIRECTIONS = {"t_base_flange": "direct", "t_flange_base": "inverse"}
-"""Names that say which way a pose maps."""
 SPELLINGS = {"tx": "x", "ty": "y", "tz": "z", "px": "x", "py": "y", "pz": "z"}
 """Other names of a position."""
 UNIT = re.compile(r"[\s_]*[\[(]?(mm|m|deg|degrees|rad|°)[\])]?$")
@@ -123,8 +133,9 @@ def read_robot_poses(path: StrPath, poses_as: str = "") -> RobotPoses:
         ``.csv`` or ``.txt``: a pose per line, perhaps with a header, in which names tell what they
         can; ``.json``: a list of poses, or names with poses, as lists, matrices, or with
         ``position`` and ``orientation`` as ROS has them; ``.yaml``: such messages as ROS prints
-        them; programs or parts of them with poses of KUKA ({X …, A …}), FANUC (X = … mm), UR (p[…])
-        and ABB ([[…],[…]]).
+        them; programs or parts of them with poses of KUKA ({X …, A …}), FANUC (X = … mm), UR
+        (p[…]), ABB ([[…],[…]]), Doosan (posx(…)) and Yaskawa (C00001=…), and what ``tf2_echo``
+        prints.
     poses_as : str
         How they are written, as far as the file does not say; see ``robot_poses``.
 
@@ -201,16 +212,21 @@ def _arrangement(pose: Written) -> tuple[list[int], tuple[RotationKind, ...]]:
 
 def _from_text(text: str) -> list[Written]:
     """Poses of a program or of a table."""
+    if PULSES in text:
+        raise FileProblem(
+            f"expected positions in mm and degrees, got pulses of the motors ({PULSES}); convert "
+            "the job to rectangular coordinates"
+        )
     lines = [line.strip() for line in text.splitlines()]
     body = "\n".join(line for line in lines if line and not line.startswith(REMARKS))
-    found = [
-        Written([float(n) for n in one.split(",")], words=("ur",)) for one in UR_POSE.findall(body)
-    ]
-    found = found or [
-        Written([float(n) for part in pair for n in part.split(",")], words=("abb",))
-        for pair in ABB_POSE.findall(body)
-    ]
-    return found or _from_pairs(body) or _from_table(body.splitlines())
+    for word, pattern in PROGRAMS.items():
+        found = [
+            Written([float(n) for part in one.groups() for n in part.split(",")], words=(word,))
+            for one in pattern.finditer(body)
+        ]
+        if found:
+            return found
+    return _from_pairs(body) or _from_table(body.splitlines())
 
 
 def _from_pairs(text: str) -> list[Written]:
@@ -363,24 +379,41 @@ def _of_json(value: Any) -> Written:
         return Written(_flat(value))
     if not isinstance(value, Mapping):
         raise FileProblem(f"expected a pose, got {told(value)}")
-    parts = {str(key).lower(): part for key, part in value.items()}
+    parts, units = _without_units(value)
     name = next((str(parts[k]) for k in NAMES if isinstance(parts.get(k), str | int)), "")
     shift = next((parts[k] for k in SHIFTS if isinstance(parts.get(k), list | dict)), None)
     turn = next((parts[k] for k in GROUPS if isinstance(parts.get(k), list | dict)), None)
     if shift is not None and turn is not None:
-        return _with(_of_parts(shift, turn), (), name)
+        return _with(_of_parts(shift, turn), units, name)
     for key, part in parts.items():
         order = ORDER.fullmatch(key)
         if order is not None and shift is not None and isinstance(part, list):
-            return _with(_of_parts(shift, part), (order[1],), name)
+            return _with(_of_parts(shift, part), (order[1], *units), name)
     for key in WRAPPERS:
         if isinstance(parts.get(key), list | dict):
             said = (DIRECTIONS[key],) if key in DIRECTIONS else ()
             return _with(_of_json(parts[key]), said, name)
     numbers = [(k, v) for k, v in parts.items() if _plain(v)]
+    if not numbers:
+        raise FileProblem(f"expected the numbers of a pose, got {told(', '.join(parts))}")
     keys, words = _columns([key for key, _ in numbers])
     chosen = [(k, float(v)) for k, (_, v) in zip(keys, numbers, strict=True) if k not in NAMES]
     return _of_columns(chosen, name, words)
+
+
+def _without_units(value: Mapping[Any, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Parts of a pose by their names in small letters, and the units in names of whole groups."""
+    parts: dict[str, Any] = {}
+    units = []
+    for key, part in value.items():
+        name = str(key).lower()
+        unit = UNIT.search(name) if isinstance(part, list | dict) else None
+        # Something stands before the unit: "transform" does not end with metres.
+        if unit is not None and name[: unit.start()] and unit[0] != unit[1]:
+            units.append(UNIT_WORDS.get(unit[1], unit[1]))
+            name = name[: unit.start()]
+        parts[name] = part
+    return parts, tuple(units)
 
 
 def _plain(value: Any) -> bool:

@@ -219,6 +219,8 @@ def _paired(
             f"hand-eye: expected a robot pose with the name of every view, got none for "
             f"{', '.join(unknown[:MOST_NAMES])}"
         )
+    else:
+        _check_once(poses.names, [poses.names[k] for k in at.values() if k is not None])
     kept = [name for name, view in seen.items() if isinstance(view, BoardView)]
     for name, view in seen.items():
         if isinstance(view, InputError):
@@ -226,6 +228,16 @@ def _paired(
             left_out.append(Finding("view", f"{name} was left out: {text}", frames=(name,)))
     views = [view for view in seen.values() if isinstance(view, BoardView)]
     return poses.at([at[name] or 0 for name in kept]), views, tuple(kept)
+
+
+def _check_once(names: Sequence[str], wanted: Sequence[str]) -> None:
+    """Refuse names of views that several poses have: nothing tells which one was meant."""
+    twice = [name for name in wanted if names.count(name) > 1]
+    if twice:
+        raise InputError(
+            f"hand-eye: expected one robot pose with the name {twice[0]}, got "
+            f"{names.count(twice[0])}: delete those that are not of the view"
+        )
 
 
 def _view(

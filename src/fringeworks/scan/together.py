@@ -22,7 +22,11 @@ from fringeworks.devices.protocols import (
     TriggeredCamera,
 )
 from fringeworks.files.atomic import StrPath
-from fringeworks.files.capture_writer import refuse_replacing, writing_capture
+from fringeworks.files.capture_writer import (
+    refuse_replacing,
+    settings_to_resume,
+    writing_capture,
+)
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.capture import saturation_of
 from fringeworks.scan.frames import Progress, check_plan, seeing_colours, take_frames
@@ -181,6 +185,7 @@ def capture_together(
     settings: CameraSettings | None = None,
     within_s: float | None = None,
     delay: Delay | None = None,
+    resume: bool = False,
     progress: Progress = lambda _: None,
 ) -> list[Path]:
     """Show the pictures of a plan once, and take a frame of each with several cameras.
@@ -200,6 +205,9 @@ def capture_together(
         Largest time between the exposures of a picture, s; see ``CameraGroup``.
     delay : Delay, optional
         For the fast way of taking frames, measured with a ``CameraGroup``; see ``take_frames``.
+    resume : bool
+        Keep the frames of captures that were interrupted, with their settings, and take the
+        pictures of which any camera has none.
     progress : callable
         Called with the label of every picture that was taken.
 
@@ -209,7 +217,8 @@ def capture_together(
 
     Raises
     ------
-    As ``capture``; InputError for a number of folders other than that of the cameras.
+    As ``capture``; InputError for a number of folders other than that of the cameras, or one folder
+    for two of them.
 
     Examples
     --------
@@ -227,12 +236,17 @@ def capture_together(
     if len(folders) != len(cameras):
         raise InputError(f"folders: expected one for each of {len(cameras)} cameras, got "
                          f"{len(folders)}")  # fmt: skip
+    if len({Path(folder).resolve() for folder in folders}) < len(folders):
+        raise InputError("folders: expected another one for each camera, got one twice")
     group = CameraGroup(cameras, within_s=within_s)
     check_plan(projector, plan, colours=True)
-    for folder in folders:
-        refuse_replacing(folder)
+    if not resume:
+        for folder in folders:
+            refuse_replacing(folder)
     with seeing_colours(group, plan):
         group.configure(settings or CameraSettings())
+        if resume:
+            group.settings = _as_before(cameras, folders, settings or CameraSettings())
     with ExitStack() as open_captures:
         writers = [
             open_captures.enter_context(
@@ -243,11 +257,26 @@ def capture_together(
                     projector=projector.name,
                     settings=used,
                     saturation=saturation_of(used, 1),
+                    resume=resume,
                 )
             )
             for folder, camera, used in zip(folders, cameras, group.settings, strict=True)
         ]
-        for number, frame in take_frames(projector, group, plan, delay=delay, progress=progress):
-            for writer, part in zip(writers, group.split(frame), strict=True):
-                writer.add(number, part)
+        missing = [set(writer.missing) for writer in writers]
+        only = sorted(set().union(*missing))
+        frames = take_frames(projector, group, plan, delay=delay, only=only, progress=progress)
+        for number, frame in frames if only else ():
+            for writer, needed, part in zip(writers, missing, group.split(frame), strict=True):
+                if number in needed:
+                    writer.add(number, part)
     return [Path(folder) for folder in folders]
+
+
+def _as_before(
+    cameras: Sequence[Camera], folders: Sequence[StrPath], settings: CameraSettings
+) -> tuple[CameraSettings, ...]:
+    """Give each camera the settings of its interrupted capture, where no others are given."""
+    return tuple(
+        camera.configure(settings.over(settings_to_resume(folder)))
+        for camera, folder in zip(cameras, folders, strict=True)
+    )

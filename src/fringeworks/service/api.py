@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, suppress
 from typing import Annotated, Any, BinaryIO, NamedTuple
@@ -24,6 +24,7 @@ from fringeworks.service.events import Hub
 from fringeworks.service.metrics import CONTENT_TYPE
 from fringeworks.service.models import (
     API_VERSION,
+    NUMBER,
     Event,
     Findings,
     Format,
@@ -39,6 +40,7 @@ from fringeworks.service.models import (
     Status,
     VerdictInfo,
 )
+from fringeworks.service.refusals import plain_words, wrong_field
 from fringeworks.types import FileProblem, InputError
 
 CHUNK_BYTES = 1 << 22
@@ -54,7 +56,7 @@ RETRY_S = 2
 
 Number = Annotated[
     str,
-    InPath(pattern="^(last|[0-9]{1,9})$", description="Of a job, or `last` for the last result."),
+    InPath(pattern=NUMBER, description="Of a job, or `last` for the last result."),
 ]
 WaitS = Annotated[
     float,
@@ -165,11 +167,9 @@ def _add_problems(app: FastAPI, desk: Desk) -> None:
         headers = {"retry-after": str(RETRY_S)} if status == 503 else {}
         return JSONResponse({"problem": sentence}, status, headers)
 
-    async def of_request(_: Request, error: Exception) -> Response:
+    async def of_request(request: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"][1:]) or "request"
-        return said(422, f"{where}: {_wrong(first)[:MOST_TOLD]}")
+        return said(422, wrong_field(error.errors()[0], request.headers.get("content-type")))
 
     async def of_input(_: Request, error: Exception) -> Response:
         kinds = {QueueFull: 503, Ending: 503, NoSuchJob: 404, FileProblem: 503}
@@ -178,35 +178,11 @@ def _add_problems(app: FastAPI, desk: Desk) -> None:
 
     async def of_http(request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
-        unknown = error.status_code == 404 and error.detail == "Not Found"
-        detail = (
-            f"{request.url.path}: there is no such route; {ROUTES}" if unknown else error.detail
-        )
-        return said(error.status_code, str(detail))
+        return said(error.status_code, plain_words(error.detail, request.method, request.url.path))
 
     app.add_exception_handler(RequestValidationError, of_request)
     app.add_exception_handler(InputError, of_input)
     app.add_exception_handler(HTTPException, of_http)
-
-
-ROUTES = "GET /openapi.json lists all routes"
-"""Where a program finds what it may ask for."""
-WRONG = {
-    "extra_forbidden": "there is no such field; GET /openapi.json lists them",
-    "missing": "expected this field, got none",
-    "model_attributes_type": "expected a JSON object, got something else",
-    "json_invalid": "expected JSON, got something else",
-}
-"""What is said of requests in place of pydantic's words, by its types of errors."""
-
-
-def _wrong(fault: Mapping[str, Any]) -> str:
-    """What is wrong with a field of a request."""
-    return WRONG.get(str(fault["type"]), str(fault["msg"]))
-
-
-MOST_TOLD = 300
-"""Letters of what pydantic says of a request: it may repeat what it was given."""
 
 
 def _about(parts: Parts) -> APIRouter:

@@ -208,6 +208,8 @@ class Desk:
     def _check(self, request: ScanRequest | MeasureRequest) -> None:
         """Refuse what cannot be done, before it waits."""
         check_frame(self.rig, request, request.frame)
+        if isinstance(request, ScanRequest):
+            tasks.check_taking(self.scanner, request)
         if request.recipe is not None and not self.store.recipe(request.recipe).is_file():
             known = ", ".join(self.store.recipes())
             expected = f"one of {known}" if known else "one in recipes/, which holds none"

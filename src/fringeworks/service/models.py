@@ -20,7 +20,11 @@ OPEN_STATES = ("waiting", "running")
 """States of jobs that have not ended."""
 Format = Literal["npz", "ply", "depth"]
 FrameName = Literal["camera", "base"]
-Word = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=MOST_LETTERS)]
+WORD = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
+"""Names of recipes: files in one folder."""
+NUMBER = "^(last|[0-9]{1,9})$"
+"""Number of a job in an address."""
+Word = Annotated[str, Field(pattern=WORD, max_length=MOST_LETTERS)]
 
 
 class _Given(BaseModel):

@@ -20,6 +20,7 @@ from fringeworks.files.findings import findings_as_dicts
 from fringeworks.files.limits import is_file
 from fringeworks.files.recipe import read_recipe
 from fringeworks.files.rig import read_rig
+from fringeworks.files.setup import read_setup
 from fringeworks.pipeline.inputs import capture_of
 from fringeworks.pipeline.stacks import measure
 from fringeworks.rig.triangulate import Triangulator
@@ -71,6 +72,33 @@ _OPEN: dict[Scanner, tuple[ExitStack, Bench]] = {}
 """The devices that are open in this process."""
 
 
+def how_taken(wanted: ScanRequest) -> Take:
+    """How the frames of a scan are taken.
+
+    Raises
+    ------
+    InputError for what excludes each other.
+    """
+    return Take(
+        auto_exposure=wanted.auto_exposure,
+        hdr=wanted.hdr,
+        average=wanted.average,
+        fast=wanted.fast,
+    )
+
+
+def check_taking(scanner: Scanner, wanted: ScanRequest) -> None:
+    """Refuse a scan that cannot be taken as it is wanted, before it waits.
+
+    Raises
+    ------
+    InputError
+    """
+    how = how_taken(wanted)
+    if how.fast and (scanner.setup is None or read_setup(scanner.setup).delay is None):
+        raise InputError("fast: expected a set-up with a measured delay, got none")
+
+
 def warm(link: Link, scanner: Scanner) -> None:
     """Open the devices and prepare the rig before the first scan needs them."""
     link.progress("opening the devices")
@@ -80,12 +108,7 @@ def warm(link: Link, scanner: Scanner) -> None:
 
 def scan(link: Link, scanner: Scanner, wanted: ScanRequest, places: Places) -> dict[str, Any]:
     """Take frames, measure them and write the result; what is said of it."""
-    how = Take(
-        auto_exposure=wanted.auto_exposure,
-        hdr=wanted.hdr,
-        average=wanted.average,
-        fast=wanted.fast,
-    )
+    how = how_taken(wanted)
     taken_on_disk = places.keep_frames or wanted.hdr > 1
     started = time.monotonic()
     frames: Any

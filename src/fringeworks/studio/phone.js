@@ -156,6 +156,7 @@ async function begin() {
   const wanted = { facingMode: "environment", width: { ideal: 4096 }, height: { ideal: 3072 } };
   try {
     const stream = await navigator.mediaDevices.getUserMedia({ video: wanted, audio: false });
+    video.hidden = false;
     video.srcObject = stream;
     track = stream.getVideoTracks()[0];
   } catch (error) {

@@ -98,7 +98,8 @@ class RobotFrame(Frozen):
 
     Raises
     ------
-    InputError for an unknown mount, a matrix that is no transform, and a wrong covariance.
+    InputError for an unknown mount, a matrix that is no transform, a wrong covariance, and a reach
+    that is not above 0.
     """
 
     mount: Mount
@@ -112,6 +113,9 @@ class RobotFrame(Frozen):
     """Errors of the robot's own poses, as stated or found; None where unknown."""
     poses_as: str = ""
     """How the robot's poses are written, such as "zyx:deg:mm"; empty where unknown."""
+    reach_mm: float | None = None
+    """Median distance of the flange from the base in the poses of the calibration, mm. It shows a
+    pose that is written in another unit of length. None where unknown."""
 
     def __post_init__(self) -> None:
         if self.mount not in ("hand", "base"):
@@ -120,6 +124,8 @@ class RobotFrame(Frozen):
         object.__setattr__(self, "T_mount_camera", T)
         known = check_pose_covariance(self.covariance, "robot.covariance")
         object.__setattr__(self, "covariance", known)
+        if self.reach_mm is not None and not (finite(self.reach_mm) and self.reach_mm > 0):
+            raise InputError(f"reach_mm: expected mm > 0 or None, got {self.reach_mm!r}")
         super().__post_init__()
 
     @property

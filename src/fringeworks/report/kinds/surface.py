@@ -241,6 +241,15 @@ def _median(values: FloatMap) -> float:
     return float(np.mean(values[before : middle + 1]))
 
 
+COORDINATES = "coordinates of "
+"""Begins what points are said to be in that are not in camera coordinates."""
+
+
+def place_words(cloud: PointCloud) -> str:
+    """The coordinates of points, such as "coordinates of base"."""
+    return f"{COORDINATES}{cloud.frame}"
+
+
 def cloud_words(_: object, figures: dict[str, Any]) -> Iterator[Word]:
     """A point cloud in words."""
     yield from finding_words(figures)
@@ -252,7 +261,7 @@ def cloud_words(_: object, figures: dict[str, Any]) -> Iterator[Word]:
             for name, a, b in zip("xyz", low, high, strict=True)
         )
         frame = figures.get("frame", CAMERA_FRAME)
-        place = "" if frame == CAMERA_FRAME else f" in coordinates of {frame}"
+        place = "" if frame == CAMERA_FRAME else f" in {COORDINATES}{frame}"
         yield f"{figures['points']} points{place}: {span} mm"
         noise = sigma_text(figures["median_noise_mm"], "mm")
         yield f"median σ {sigma_text(usual)} mm, of which noise {noise}"
@@ -261,13 +270,20 @@ def cloud_words(_: object, figures: dict[str, Any]) -> Iterator[Word]:
 
 def cloud_sheet(cloud: PointCloud, name: str | None) -> Sheet:
     """The picture of a point cloud."""
-    lamp = np.asarray(LIGHT) / np.linalg.norm(LIGHT)
+    lamp, here = np.asarray(LIGHT) / np.linalg.norm(LIGHT), cloud.placement is None
+    # The lamp is fixed to the camera, whose frame the picture shows.
+    shape = normals(cloud if here else cloud.in_camera()) @ lamp
     return Sheet(
-        titled(name, "Points before the camera"),
+        titled(name, "Points before the camera" if here else f"Points in {place_words(cloud)}"),
         map_facts(1.0 - cloud.failed_fraction, cloud.sigma_mm, "mm"),
         [
-            Panel("depth z from the camera", cloud.xyz_mm[..., 2], "depth", "mm"),
-            Panel("shape, lit from the upper left", normals(cloud) @ lamp, "grey", "brightness"),
+            Panel(
+                "depth z from the camera" if here else f"z in {place_words(cloud)}",
+                cloud.xyz_mm[..., 2],
+                "depth",
+                "mm",
+            ),
+            Panel("shape, lit from the upper left", shape, "grey", "brightness"),
             Panel(SIGMA + " along the ray", cloud.sigma_mm, "sigma", "mm"),
             Panel(REASONS, cloud.reason, "reasons"),
         ],
@@ -286,13 +302,17 @@ def cloud_chapter(cloud: PointCloud, result: object, context: Context) -> Chapte
         ("median σ of pixel noise", sigma_with_unit(values["median_noise_mm"], "mm")),
         ("epipolar error (rms)", with_unit(values["residual_rms_px"], "px")),
     ]
+    shown = "The points with their standard deviations and reasons"
+    if cloud.placement is not None:
+        rows.append(("coordinates", cloud.frame))
+        shown += ", in camera coordinates"
     blocks: list[Block] = [
         facts(rows),
         *judged_block(values, context),
         surface_block(
             result,
             context,
-            "The points with their standard deviations and reasons.",
+            f"{shown}.",
             lambda: maps_of(result),
         ),
         *findings_block(values["findings"]),

@@ -31,6 +31,7 @@ from fringeworks.types import (
     RigMismatch,
 )
 from fringeworks.types.numbers import number
+from fringeworks.types.placement import Placement
 
 MAX_PIXELS = 8_000_000
 """Largest number of pixels that is packed. The page needs about 100 bytes for each, so that this is
@@ -38,6 +39,8 @@ near what a browser's page may take on an ordinary computer."""
 MAX_BESIDE = 1.0
 """Largest mean distance of a cloud's points from the rays of the camera that is given for it, over
 σ. A point has no error across its ray, so that a larger one belongs to another camera."""
+SHOWN = "shown in camera coordinates; the points are in coordinates of "
+"""What is said of points in other coordinates, such as those of a robot's base."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,8 @@ class Content:
     """Of x and y."""
     lattice: Lattice | None = None
     """How points follow from z; None where unknown."""
+    placement: Placement | None = None
+    """Other coordinates of the points, which are shown in those of the camera; None for none."""
     raster: bool = True
     """Whether neighbours in the arrays are neighbours on the surface."""
     maps: dict[str, FloatMap] = field(default_factory=dict)
@@ -151,14 +156,14 @@ def _(cloud: PointCloud, camera: Pinhole | None, every: int) -> Content:
             f"camera: it is for frames of {camera.width_px} × {camera.height_px} px, got a cloud "
             f"of {cloud.shape[1]} × {cloud.shape[0]}"
         )
+    # Rays, edges and normals start at the camera.
+    shown = cloud.in_camera()
     reason = cloud.reason[::every, ::every]
     measured = (reason == Reason.OK)[..., None]
-    points = np.where(measured, cloud.xyz_mm[::every, ::every].astype(np.float64), np.nan)
+    points = np.where(measured, shown.xyz_mm[::every, ::every].astype(np.float64), np.nan)
     sigma = cloud.sigma_mm[::every, ::every].astype(np.float64)
     lattice = None
-    if cloud.placement is not None:
-        pass  # its rays do not start at the origin
-    elif camera is None:
+    if camera is None:
         fitted, step = fitted_camera(points), 1
         lattice = None if fitted is None else camera_lattice(points.shape[:2], fitted, step)
     else:
@@ -166,7 +171,10 @@ def _(cloud: PointCloud, camera: Pinhole | None, every: int) -> Content:
         _check_camera(lattice, points, sigma)
     maps = {} if cloud.colour is None else {"texture": cloud.colour[::every, ::every]}
     return Content(
-        "cloud", points, sigma, reason, "mm", "mm", lattice, maps=maps, notes=cloud.notes
+        *("cloud", points, sigma, reason, "mm", "mm", lattice),
+        placement=cloud.placement,
+        maps=maps,
+        notes=cloud.notes if cloud.placement is None else (*cloud.notes, SHOWN + cloud.frame),
     )
 
 

@@ -45,10 +45,11 @@ export function profile(surface, i, j) {
 
 /** The twin of fringeworks.difference: a surface with the difference of two as its layer. */
 export function difference(one, other) {
-  const frame = ({ header: { kind, size, unit: own, lateral_unit: lateral, place } }) =>
-    JSON.stringify([kind, size, own, lateral, place?.offsets]);
+  const frame = ({ header: { kind, size, unit: own, lateral_unit, place, placed } }) =>
+    JSON.stringify([kind, size, own, lateral_unit, place?.offsets, placed]);
   if (!one.header.raster || !other.header.raster || frame(one) !== frame(other)) {
-    throw new Error("A difference needs two surfaces of one kind, size, pitch and unit.");
+    const alike = "two surfaces of one kind, size, pitch and unit in one place";
+    throw new Error(`A difference needs ${alike}.`);
   }
   const [a, b] = [one.header, other.header];
   const values = new Float32Array(one.reason.length).fill(NaN);

@@ -32,6 +32,7 @@ from fringeworks.types import (
     TriangleMesh,
     unmasked,
 )
+from fringeworks.types.placement import Placement
 
 MAGIC = b"FWSURF2\n"
 """First bytes of a packed surface; the digit is the version of the format."""
@@ -203,6 +204,7 @@ def _packed(content: Content, added: _Added) -> PackedSurface:
         "lateral_unit": content.lateral_unit,
         "metric": content.metric,
         "count": int(measured.sum()),
+        **_placed(content.placement),
         "notes": _notes(content.notes),
         "note_count": len(content.notes),
         **framing(content),
@@ -226,6 +228,13 @@ def _packed(content: Content, added: _Added) -> PackedSurface:
     text = json.dumps(header, ensure_ascii=False, allow_nan=False).encode()
     data = b"".join([MAGIC, struct.pack("<I", len(text)), text, *blocks.parts])
     return PackedSurface(data, header)
+
+
+def _placed(placement: Placement | None) -> dict[str, Any]:
+    """Where the camera stands in the coordinates of the points; nothing in its own."""
+    if placement is None:
+        return {}
+    return {"placed": [placement.frame, placement.T_frame_camera.ravel().tolist()]}
 
 
 def _notes(notes: tuple[str, ...]) -> list[str]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from fringeworks.rig.pinhole import skew
-from fringeworks.rig.robot.readings import RobotPoses, distinct
+from fringeworks.rig.robot.readings import Reading, RobotPoses, distinct
 from fringeworks.types import (
     Finding,
     FloatMap,
@@ -18,6 +19,8 @@ from fringeworks.types import (
     check_rigid,
 )
 
+TINY_MM = 1e-9
+"""Lower bound of a distance, mm, so that its logarithm is finite."""
 BASE = "base"
 """Name of the coordinates of a robot's base."""
 
@@ -126,8 +129,37 @@ def _pose(robot: RobotFrame, given: RobotPoses | FloatMap) -> FloatMap:
             f"but it can only be {' or '.join(r.spec for r in given.readings[:3])}"
         )
     known = RobotPoses(given.values, given.names, same or given.readings)
+    if same and robot.reach_mm is not None:
+        _check_unit(given, same[0], robot.reach_mm)
     found = distinct(known)
     return np.asarray(found[0][1][0] if len(found) == 1 else known.transforms[0])
+
+
+def _check_unit(given: RobotPoses, reading: Reading, reach_mm: float) -> None:
+    """Refuse a pose that lies where the robot worked only in the other unit of length.
+
+    mm and m differ by 1000: the unit is the one by which the flange is nearer, as a ratio, to the
+    distance that it had at the calibration. A unit that was stated is not doubted.
+    """
+    other = replace(reading, length="m" if reading.length == "mm" else "mm")
+    if other not in given.readings:
+        return
+    away = [_away_mm(given, one) for one in (reading, other)]
+    off = [abs(math.log(max(d, TINY_MM) / reach_mm)) for d in away]
+    if off[1] < off[0]:
+        raise InputError(
+            f"robot pose: expected it in {reading.length}, as at the hand-eye calibration, but the "
+            f"flange would be {away[0]:.4g} mm from the base, and {away[1]:.4g} mm if the numbers "
+            f"are in {other.length}; at the calibration it was {reach_mm:.4g} mm. Say poses_as "
+            f"(--poses-as) {reading.length} if the pose is right, or write it in {reading.length}"
+        )
+
+
+def _away_mm(given: RobotPoses, reading: Reading) -> float:
+    """Distance of the flange from the base, mm."""
+    T = reading.transforms(given.values)
+    assert T is not None
+    return float(np.linalg.norm(T[0, :3, 3]))
 
 
 def _unknown(robot: RobotFrame) -> tuple[Finding, ...]:

@@ -11,7 +11,13 @@ import numpy as np
 from fringeworks.rig.robot.board_views import SeenBoards
 from fringeworks.rig.robot.estimate import CONTRADICT, Data, solved
 from fringeworks.rig.robot.fit import MOST_MM, Fit, fitted, started
-from fringeworks.rig.robot.motion import FLOOR_DEG, check_motion
+from fringeworks.rig.robot.motion import (
+    FLOOR_DEG,
+    MIN_POSES,
+    check_motion,
+    is_determined,
+    turns_deg,
+)
 from fringeworks.rig.robot.readings import (
     SHAPES,
     Reading,
@@ -20,6 +26,7 @@ from fringeworks.rig.robot.readings import (
     inverses,
     readings_of,
 )
+from fringeworks.rig.robot.size import size_words
 from fringeworks.types import FloatMap, InputError, Mount, RobotNoise
 
 UNLIKELY = 0.01
@@ -65,10 +72,16 @@ def chosen(poses: RobotPoses, seen: SeenBoards, mount: Mount, stated: RobotNoise
     the readings that would if something else had been stated; as ``fitted``.
     """
     open_readings = distinct(poses)
-    # Rotations of wrong readings differ, but are as large: all are refused for the same motion.
-    for _, T in open_readings[:1]:
-        noise = FLOOR_DEG if stated is None else stated.rotation_deg
-        check_motion(Data(T, seen, mount).motions, noise, mount)
+    noise = FLOOR_DEG if stated is None else stated.rotation_deg
+    T = _as_large(open_readings, seen)
+    certain = sum(not reading.inverse for reading, _ in open_readings) <= 1
+    try:
+        check_motion(Data(T, seen, mount).motions, noise, mount, certain=certain)
+    except InputError as error:
+        # The board turned, so that the reading is wrong and not the motion.
+        if is_determined(seen.T_camera_board, noise):
+            _refuse(poses, seen, mount, stated, error)
+        raise
     fits, last = _fits(open_readings, seen, mount, stated)
     if not fits:
         _refuse(poses, seen, mount, stated, last)
@@ -92,6 +105,22 @@ def chosen(poses: RobotPoses, seen: SeenBoards, mount: Mount, stated: RobotNoise
         _refuse_inverse(best, mount)
     more, second = compared[0] if compared else (math.inf, None)
     return Chosen(best, fit, len(open_readings), second, more)
+
+
+def _as_large(readings: Sequence[tuple[Reading, FloatMap]], seen: SeenBoards) -> FloatMap:
+    """The poses of the reading by which the robot turned as far as the board did.
+
+    Radians that are read as degrees would look like no rotation at all.
+    """
+    if len(seen) < MIN_POSES:
+        return readings[0][1]
+    board = turns_deg(seen.T_camera_board)
+    # Inverse poses turn as far, but their axis is that of the other side.
+    direct = [T for reading, T in readings if not reading.inverse]
+    return min(
+        direct or [T for _, T in readings],
+        key=lambda T: float(np.median(np.abs(turns_deg(T) - board))),
+    )
 
 
 def _check_found(best: Reading, fit: Fit) -> None:
@@ -118,9 +147,11 @@ def chosen_of_transforms(
         try:
             fitted(Data(inverses(T_base_flange), seen, mount), stated)
         except InputError:
-            pass
+            said = size_words([T_base_flange], seen, mount, stated)
         else:
             _refuse_inverse(Reading("rows", inverse=True), mount)
+        if said is not None:
+            raise InputError(said) from None
         raise
     return Chosen(None, fit, 1, None, math.inf)
 
@@ -186,10 +217,11 @@ def _refuse(
         # Wrong readings leave so much that rotations seem to drown in it: no cause to name.
         if last is not None and len(direct) <= 1 and not str(last).startswith(CONTRADICT):
             raise last
+        said = size_words((T for _, T in distinct(poses)), seen, mount, stated)
         raise InputError(
-            f"hand-eye: the robot's poses contradict the board views, read as {tried} and as all "
-            "others: are they in the same order as the views, of the same moments, and is the "
-            "board's size right?"
+            said
+            or f"{CONTRADICT}, read as {tried} and as all others: are they in the same order as "
+            "the views, of the same moments, and is the board's size right?"
         )
     if all(reading.inverse for reading, _ in fits):
         _refuse_inverse(fits[0][0], mount)

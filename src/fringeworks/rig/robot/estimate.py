@@ -42,6 +42,10 @@ FARTHEST_MM = 1e6
 HOPELESS_NOISE = RobotNoise(100.0, 20.0)
 """Noise at which poses and views do not belong together, far beyond that of any robot."""
 CONTRADICT = "hand-eye: the robot's poses contradict the board views"
+SAME_MOMENTS = (
+    f"{CONTRADICT}: are they in the same order as the views, of the same moments, written as "
+    "stated, and is the board's size right?"
+)
 """What is said where an adjustment diverges."""
 LEAST_ROTATION_RAD = 1e-7
 """Lower bound of an estimated rotation noise, rad: encoders resolve no less."""
@@ -184,7 +188,7 @@ def solved(data: Data, X: FloatMap, Y: FloatMap, variances: FloatMap) -> Solutio
     converged = False
     for _ in range(MAX_STEPS):
         if not max(np.abs(X[:3, 3]).max(), np.abs(Y[:3, 3]).max()) < FARTHEST_MM:
-            raise InputError(CONTRADICT)
+            raise InputError(SAME_MOMENTS)
         white = whitened(data, equations(data, X, Y), variances)
         scale, scaled = white.scaled
         right = white.J.T @ white.inverse @ white.r / scale
@@ -215,7 +219,7 @@ def solved_with_noise(data: Data, X: FloatMap, Y: FloatMap, start: FloatMap) -> 
         settled = bool(np.abs(np.log(new / variances)).max() < NOISE_SETTLED)
         variances = new
         if (variances > HOPELESS_NOISE.variances).any():
-            raise InputError(CONTRADICT)
+            raise InputError(SAME_MOMENTS)
         found = solved(data, found.X, found.Y, variances)
         if settled:
             break

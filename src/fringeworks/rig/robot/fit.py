@@ -161,22 +161,28 @@ def _half_turned(data: Data, X: FloatMap, Y: FloatMap, distance: FloatMap) -> Bo
     return np.asarray(turned[0] < distance)
 
 
+def size_text(value: float, sigma: float) -> str:
+    """What is said of a board whose size over the stated one is another."""
+    return (
+        f"{CONTRADICT}: by the robot's translations, the board has {100.0 * value:.4g} ± "
+        f"{100.0 * sigma:.2g} % of its stated size; measure the board, and check the unit of the "
+        "poses"
+    )
+
+
 def _check(fit: Fit, least: int) -> None:
     count = int(np.count_nonzero(fit.used))
     noise = fit.noise
     if count < least or noise.translation_mm > MOST_MM or noise.rotation_deg > MOST_DEG:
         median = float(np.median(fit.others.distance_mm))
+        few = f"only {count} of {len(fit.used)} agree, and "
         raise InputError(
-            f"hand-eye: the robot's poses contradict the board views: {count} of {len(fit.used)} "
-            f"agree, and the median distance of the board is {median:.3g} mm; are they in the same "
-            "order, and written as stated?"
+            f"{CONTRADICT}: {few if count < least else ''}the board is {median:.3g} mm from where "
+            "they predict it (median); are they in the same order as the views, of the same "
+            "moments, and written as stated?"
         )
     if fit.rescaled and abs(fit.scale.value - 1.0) > MOST_SCALE:
-        raise InputError(
-            f"{CONTRADICT}: by the robot's translations, the board has "
-            f"{100.0 * fit.scale.value:.4g} ± {100.0 * fit.scale.sigma:.2g} % of its stated size; "
-            "measure the board, and check the unit of the poses"
-        )
+        raise InputError(size_text(fit.scale.value, fit.scale.sigma))
     data = fit.data.at(fit.used)
     of_corners = float(np.mean([np.trace(c[:3, :3]) for c in data.seen.covariance])) / 3.0
     error = float(np.hypot(noise.rotation_deg, np.degrees(np.sqrt(of_corners))))

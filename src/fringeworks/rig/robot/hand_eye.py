@@ -158,6 +158,12 @@ def _names(
     return tuple(names) or own or tuple(f"pose {k}" for k in range(1, len(views) + 1))
 
 
+def _reach_mm(fit: Fit) -> float | None:
+    """Median distance of the flange from the base; None where it is the base's own place."""
+    away = np.linalg.norm(fit.data.T_base_flange[fit.used][:, :3, 3], axis=1)
+    return float(np.median(away)) or None
+
+
 def _result(found: Chosen, seen: SeenBoards, names: tuple[str, ...], rig: Rig) -> HandEye:
     fit: Fit = found.fit
     solution = fit.solution
@@ -168,6 +174,7 @@ def _result(found: Chosen, seen: SeenBoards, names: tuple[str, ...], rig: Rig) -
         covariance[:POSE_SIZE, :POSE_SIZE],
         fit.noise,
         "" if found.reading is None else found.reading.spec,
+        _reach_mm(fit),
     )
     distance = np.linalg.norm(
         seen.T_camera_board[:, :3, :3] @ seen.middle_mm + seen.T_camera_board[:, :3, 3], axis=1

@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
+from fringeworks.rig.robot.start import rotation_vectors
 from fringeworks.types import FloatMap, InputError, Mount
 
 MIN_POSES = 4
@@ -50,7 +51,24 @@ def motion_of(G: FloatMap) -> Motion:
     return Motion(float(degrees[2]), float(degrees[0]), (x, y, z))
 
 
-def check_motion(G: FloatMap, rotation_deg: float, mount: Mount) -> None:
+def turns_deg(G: FloatMap) -> FloatMap:
+    """Angles of the rotations between all pairs of poses (n, 4, 4), degrees.
+
+    They are the same on both sides of a transform: those of the robot are those of the board.
+    """
+    one, two = (list(part) for part in zip(*combinations(range(len(G)), 2), strict=True))
+    between = G[two, :3, :3] @ np.swapaxes(G[one, :3, :3], 1, 2)
+    turned: FloatMap = np.degrees(np.linalg.norm(rotation_vectors(between), axis=-1))
+    return turned
+
+
+def is_determined(G: FloatMap, rotation_deg: float) -> bool:
+    """Whether poses turn about two axes, so that they determine a transform; see
+    ``check_motion``."""
+    return len(G) >= MIN_POSES and motion_of(G).across_deg >= LEAST_RATIO * 2.0 * rotation_deg
+
+
+def check_motion(G: FloatMap, rotation_deg: float, mount: Mount, *, certain: bool = True) -> None:
     """Refuse motions that leave the camera's place undetermined.
 
     Parameters
@@ -60,6 +78,8 @@ def check_motion(G: FloatMap, rotation_deg: float, mount: Mount) -> None:
     rotation_deg : float
         Standard deviation of a rotation of robot and corners together, degrees.
     mount : "hand" or "base"
+    certain : bool
+        Whether the poses can be read in one way only, so that their axis is worth naming.
 
     Raises
     ------
@@ -78,10 +98,10 @@ def check_motion(G: FloatMap, rotation_deg: float, mount: Mount) -> None:
             f"{ADVICE}"
         )
     if found.across_deg < least:
-        axis = ", ".join(f"{v:+.2f}" for v in found.axis)
         side = "flange" if mount == "hand" else "base"
+        axis = ", ".join(f"{v:+.2f}" for v in found.axis) + f" of the {side}; " if certain else ""
         raise InputError(
-            f"hand-eye: the robot turned {moved} about one axis only ({axis} of the {side}; by "
+            f"hand-eye: the robot turned {moved} about one axis only ({axis}by "
             f"{found.across_deg:.2g}° about others, with an error of {rotation_deg:.2g}°): the "
             f"camera's place along this axis is not determined; {ADVICE}"
         )

@@ -30,6 +30,7 @@ from fringeworks.types import (
     Reason,
     Rig,
 )
+from fringeworks.types.computed import cached_property
 
 SAMPLES = 4_000
 """Pixels for which other periods are tried, at most: a share of 1 % of them is forty."""
@@ -42,7 +43,8 @@ less: calibrations by other programs leave as much."""
 BOTH_SHARE = 0.5
 """Share of the pixels that must be points of both axes, for other periods to be possible."""
 CELLS = 250_000
-"""Pixels of the camera whose light is compared in the projector's frame, at most."""
+"""Pixels of the camera whose light is compared in the projector's frame, and cells of that frame,
+at most."""
 CELL_PITCHES = 1.5
 """Side of the cells of the projector's frame, in distances between those pixels there: with less,
 cells of a surface that is seen from the side stay empty."""
@@ -103,7 +105,7 @@ def range_findings(
         if period is None:
             continue
         scene = _Scene(points, decoded, before, depth.rig, axis, period)
-        if not scene.measured.any():
+        if scene.pitch_px == 0.0:
             continue
         told += scene.hidden()
         if any(f.kind == "depth range" and f.axis == axis and f.rank for f in decoded.findings):
@@ -157,7 +159,7 @@ class _Scene:
         """Places within the projector's frame, or at its border, (n,)."""
         inside = self._inside(place_px)
         with np.errstate(invalid="ignore"):
-            return np.asarray(inside > -BORDER_PX[0] * self._pitch())
+            return np.asarray(inside > -BORDER_PX[0] * self.pitch_px)
 
     def _inside(self, place_px: FloatMap) -> FloatMap:
         """How far places lie within the projector's frame, (n,), px."""
@@ -204,7 +206,8 @@ class _Scene:
         room = ROOM_SIGMAS * self.points.sigma_mm[::step, ::step][known]
         there = transform(self.rig.T_projector_camera, xyz)
         place = project(self.rig.projector, there)
-        side = CELL_PITCHES * step * self._pitch()
+        size = axis_length(self.rig, "x") * axis_length(self.rig, "y")
+        side = max(CELL_PITCHES * step * self.pitch_px, np.sqrt(size / CELLS))
         cell = np.floor(place / side).astype(np.intp)
         cell -= cell.min(axis=0, initial=0)
         shape = tuple(int(n) for n in cell.max(axis=0, initial=0) + 1)
@@ -212,7 +215,8 @@ class _Scene:
         near, far = np.full(np.prod(shape), np.inf), np.full(np.prod(shape), -np.inf)
         np.minimum.at(near, flat, there[:, 2] + room)
         np.maximum.at(far, flat, there[:, 2] - room)
-        both = (far - near > HIDDEN_PERIODS * self._period_mm()).reshape(shape)
+        apart_mm = HIDDEN_PERIODS * self._period_mm()
+        both = (far - near > apart_mm).reshape(shape)
         count = int(np.count_nonzero(scipy.ndimage.binary_opening(both, SQUARE)))
         if count < MIN_CELLS:
             return []
@@ -231,18 +235,19 @@ class _Scene:
             )
         ]
 
-    def _pitch(self) -> float:
-        """Median distance between neighbours of the camera's pixels at the projector, px."""
+    @cached_property
+    def pitch_px(self) -> float:
+        """Median distance between neighbours of the camera's pixels at the projector, px; 0 without
+        neighbours."""
         x = self.map.coordinate_px
-        steps = np.abs(np.diff(x, axis=1 if self.axis == "x" else 0))
-        return float(np.nanmedian(steps))
+        return max(_median(np.abs(np.diff(x, axis=k))) for k in (0, 1))
 
     def _period_mm(self) -> float:
-        """Depth of a period, mm: the median of the scene."""
+        """Depth of a period, mm: the median of the scene; 0 where no other period leads to one."""
         pixels, x = self.sampled(self.measured)
-        ends = [self.moved(pixels, x + k * self.period_px)[0] for k in (-1.0, 0.0, 1.0)]
-        steps = np.abs(np.diff([1.0 / w for w in ends], axis=0))
-        return float(np.nanmedian(np.fmin(*steps)))
+        with np.errstate(all="ignore"):
+            ends = [1.0 / self.moved(pixels, x + k * self.period_px)[0] for k in (-1.0, 0.0, 1.0)]
+        return _median(np.fmin(*np.abs(np.diff(ends, axis=0))))
 
     def ends(self) -> tuple[FloatMap, FloatMap]:
         """Measured pixels beside some without light, and their coordinates."""
@@ -254,10 +259,16 @@ class _Scene:
         lie beside it; 0 otherwise."""
         off = np.abs(self._inside(self.moved(pixels, goal_px)[1]))
         with np.errstate(invalid="ignore"):
-            at, near = (np.count_nonzero(off < px * self._pitch()) for px in BORDER_PX)
+            at, near = (np.count_nonzero(off < px * self.pitch_px) for px in BORDER_PX)
         beside = near - at
         is_border = at > max(BORDER_RATIO * beside, BORDER_SHARE * len(pixels))
         return int(at - beside) if is_border else 0
+
+
+def _median(values: FloatMap) -> float:
+    """Median of the finite values; 0 without any."""
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else 0.0
 
 
 def _by_border(scene: _Scene, others: list[_Other]) -> list[Finding] | None:

@@ -46,6 +46,8 @@ class ShadowOrders(Frozen):
     """Surfaces whose order the shadows leave open, and the edges of those that were moved."""
     open_lines: int
     """Lines whose shadow differs by whole periods from the step, and whose order stays open."""
+    doubt: NDArray[np.int16]
+    """Whole periods by which surfaces beside such lines may be off, which σ holds."""
 
 
 def by_shadows(
@@ -64,7 +66,8 @@ def by_shadows(
     The displacement, and the corrections. Surfaces are moved by the whole periods that are the most
     likely by all shadows and by where the fringes continue (``likely_orders``). Surfaces whose
     order depends on the weight of the evidence are NaN (``ORDER_AMBIGUOUS``), and so are broken
-    places beside both, and surfaces there that no shadow reaches.
+    places beside both, and surfaces there that no shadow reaches. Where lines stay open, σ holds
+    the periods: a box whose height is close to a period has no border that could be seen.
 
     Notes
     -----
@@ -76,11 +79,12 @@ def by_shadows(
     seen = _seen(prepared, u, period)
     if not seen.whole.any():
         nowhere = np.zeros(u.shape, bool)
-        return found, ShadowOrders(turn(nowhere.astype(np.int16)), turn(nowhere), 0)
+        zero = turn(nowhere.astype(np.int16))
+        return found, ShadowOrders(zero, turn(nowhere), 0, zero)
     continues = continuity(prepared, u)
     on = continues >= CONTINUES
     links, unused = _linked(seen, on, REACH * period)
-    orders = _told(likely_orders(continues, links, period), links)
+    orders = _told(likely_orders(continues, links, period), links, period)
     at = (links.rows, links.columns)
     open_links = links.whole != np.diff(orders.whole[at].astype(np.int64), axis=1)[:, 0]
     refused = _undecided(orders, on, links, open_links, unused, 2.0 * REACH * period)
@@ -88,7 +92,8 @@ def by_shadows(
     # A line that no surface was found beside, and one that is open, leave an order open.
     still = int(np.count_nonzero(open_links | orders.undecided[at].any(axis=1)))
     still += len(unused.whole)
-    corrections = ShadowOrders(sealed(turn(whole)), sealed(turn(refused)), still)
+    doubt = turn(_doubt(links, open_links, orders.whole[at], u.shape, REACH * period))
+    corrections = ShadowOrders(sealed(turn(whole)), sealed(turn(refused)), still, sealed(doubt))
     return _corrected(prepared, found, corrections), corrections
 
 
@@ -130,15 +135,38 @@ def _undecided(
     return np.asarray(orders.undecided | np.where(on, lost[place], broken))
 
 
-def _told(orders: Orders, links: Links) -> Orders:
-    """The same orders, but for those that fewer than ``MIN_LINES`` lines tell."""
+def _doubt(
+    links: Links,
+    open_links: BoolMap,
+    ends: NDArray[np.int16],
+    shape: tuple[int, ...],
+    reach_px: float,
+) -> NDArray[np.int16]:
+    """Periods that the surfaces on both sides of open lines may be off by, (h, w), up to the border
+    of the frame: nothing says on which side the body stands, nor where it ends."""
+    doubt = np.zeros(shape, np.int16)
+    apart = np.abs(links.whole - np.diff(ends.astype(np.int64), axis=1)[:, 0])
+    if np.count_nonzero(open_links) < MIN_LINES:
+        return doubt
+    for k in np.flatnonzero(open_links):
+        for row, column, way in zip(links.rows[k], links.columns[k], (-1, 1), strict=True):
+            side = doubt[row, column::way]
+            np.maximum(side, np.int16(apart[k]), out=side)
+    # The ends of a shadow are too short to be read.
+    return np.asarray(scipy.ndimage.maximum_filter1d(doubt, round(reach_px) | 1, axis=0))
+
+
+def _told(orders: Orders, links: Links, period_px: float) -> Orders:
+    """The same orders, but for those that fewer than ``MIN_LINES`` lines tell, and for strips that
+    are narrower than ``REACH``: these are cut off beside a shadow where no border is seen."""
     changed = (orders.whole != 0) | orders.undecided
     region, count = scipy.ndimage.label(changed)
     ends = region[links.rows, links.columns]
     # A line tells of a region if its shadow differs from the step, or if it leads to another one.
     telling = (links.whole != 0) | ((ends > 0).all(axis=1) & (ends[:, 0] != ends[:, 1]))
     lines = np.bincount(ends[telling].ravel(), minlength=count + 1)
-    kept = (lines >= MIN_LINES)[region] & changed
+    wide = np.bincount(region.ravel(), minlength=count + 1) > REACH * period_px * lines
+    kept = ((lines >= MIN_LINES) & wide)[region] & changed
     return Orders(np.where(kept, orders.whole, 0).astype(np.int16), orders.undecided & kept)
 
 
@@ -179,7 +207,7 @@ def _corrected(
     prepared: PreparedPair, found: DisplacementMap, orders: ShadowOrders
 ) -> DisplacementMap:
     """The displacement with other orders."""
-    if not (orders.moved.any() or orders.refused.any()):
+    if not (orders.moved.any() or orders.refused.any() or orders.doubt.any()):
         return found
     reason = found.reason.copy()
     lost = orders.refused & np.isfinite(found.displacement_px)
@@ -190,6 +218,7 @@ def _corrected(
 
     u, turn = found.displacement_px, prepared.to_capture
     change, sigma = map(turn, moved_by_periods(prepared, turn(u), turn(orders.moved)))
+    sigma = np.hypot(sigma, found.period_px * orders.doubt)
     return replace(
         found,
         displacement_px=blank(u + change, u.dtype),

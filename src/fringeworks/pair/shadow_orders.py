@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fringeworks.pair.free_surfaces import free_surfaces
 from fringeworks.pair.order_range import AWAY, SHADOW_TOLERANCE, dark_pixels, shadows_along
 from fringeworks.pair.order_regions import Links, Orders, continuity, likely_orders
 from fringeworks.pair.prepared import PreparedPair
@@ -44,10 +45,13 @@ class ShadowOrders(Frozen):
     """Whole periods that were added."""
     refused: BoolMap
     """Surfaces whose order the shadows leave open, and the edges of those that were moved."""
+    doubt: NDArray[np.int16]
+    """Whole periods by which surfaces beside such lines, and free ones, may be off, which σ
+    holds."""
+    free: BoolMap
+    """Surfaces that are too far from all others for anything to tell their order."""
     open_lines: int
     """Lines whose shadow differs by whole periods from the step, and whose order stays open."""
-    doubt: NDArray[np.int16]
-    """Whole periods by which surfaces beside such lines may be off, which σ holds."""
 
 
 def by_shadows(
@@ -67,7 +71,8 @@ def by_shadows(
     likely by all shadows and by where the fringes continue (``likely_orders``). Surfaces whose
     order depends on the weight of the evidence are NaN (``ORDER_AMBIGUOUS``), and so are broken
     places beside both, and surfaces there that no shadow reaches. Where lines stay open, σ holds
-    the periods: a box whose height is close to a period has no border that could be seen.
+    the periods: a box whose height is close to a period has no border that could be seen. So does σ
+    of surfaces that lie far from all others (``free_surfaces``).
 
     Notes
     -----
@@ -77,23 +82,25 @@ def by_shadows(
     turn, period = prepared.to_capture, found.period_px
     u = np.asarray(turn(found.displacement_px), np.float64)
     seen = _seen(prepared, u, period)
-    if not seen.whole.any():
-        nowhere = np.zeros(u.shape, bool)
-        zero = turn(nowhere.astype(np.int16))
-        return found, ShadowOrders(zero, turn(nowhere), 0, zero)
     continues = continuity(prepared, u)
     on = continues >= CONTINUES
     links, unused = _linked(seen, on, REACH * period)
-    orders = _told(likely_orders(continues, links, period), links, period)
-    at = (links.rows, links.columns)
-    open_links = links.whole != np.diff(orders.whole[at].astype(np.int64), axis=1)[:, 0]
-    refused = _undecided(orders, on, links, open_links, unused, 2.0 * REACH * period)
-    whole = np.where(refused, 0, orders.whole).astype(np.int16)
-    # A line that no surface was found beside, and one that is open, leave an order open.
-    still = int(np.count_nonzero(open_links | orders.undecided[at].any(axis=1)))
-    still += len(unused.whole)
-    doubt = turn(_doubt(links, open_links, orders.whole[at], u.shape, REACH * period))
-    corrections = ShadowOrders(sealed(turn(whole)), sealed(turn(refused)), still, sealed(doubt))
+    whole, refused, still = np.zeros(u.shape, np.int16), np.zeros(u.shape, bool), 0
+    doubt, open_links = whole, links.whole != 0
+    if seen.whole.any():
+        orders = _told(likely_orders(continues, links, period), links, period)
+        ends = orders.whole[links.rows, links.columns].astype(np.int64)
+        open_links = links.whole != np.diff(ends, axis=1)[:, 0]
+        refused = _undecided(orders, on, links, open_links, unused, 2.0 * REACH * period)
+        whole = np.where(refused, 0, orders.whole).astype(np.int16)
+        # A line that no surface was found beside, and one that is open, leave an order open.
+        undecided = orders.undecided[links.rows, links.columns].any(axis=1)
+        still = int(np.count_nonzero(open_links | undecided)) + len(unused.whole)
+        doubt = _doubt(links, open_links, ends, u.shape, REACH * period)
+    told = (links.rows[~open_links], links.columns[~open_links])
+    free = free_surfaces(on, told, period, MIN_LINES)
+    maps = [sealed(turn(values)) for values in (whole, refused, np.maximum(doubt, free), free)]
+    corrections = ShadowOrders(maps[0], maps[1], maps[2], maps[3], still)
     return _corrected(prepared, found, corrections), corrections
 
 
@@ -138,14 +145,14 @@ def _undecided(
 def _doubt(
     links: Links,
     open_links: BoolMap,
-    ends: NDArray[np.int16],
+    ends: NDArray[np.int64],
     shape: tuple[int, ...],
     reach_px: float,
 ) -> NDArray[np.int16]:
     """Periods that the surfaces on both sides of open lines may be off by, (h, w), up to the border
     of the frame: nothing says on which side the body stands, nor where it ends."""
     doubt = np.zeros(shape, np.int16)
-    apart = np.abs(links.whole - np.diff(ends.astype(np.int64), axis=1)[:, 0])
+    apart = np.abs(links.whole - np.diff(ends, axis=1)[:, 0])
     if np.count_nonzero(open_links) < MIN_LINES:
         return doubt
     for k in np.flatnonzero(open_links):

@@ -97,8 +97,8 @@ def by_shadows(
         undecided = orders.undecided[links.rows, links.columns].any(axis=1)
         still = int(np.count_nonzero(open_links | undecided)) + len(unused.whole)
         doubt = _doubt(links, open_links, ends, u.shape, REACH * period)
-    told = (links.rows[~open_links], links.columns[~open_links])
-    free = free_surfaces(on, told, period, MIN_LINES)
+    closed = (links.rows[~open_links], links.columns[~open_links])
+    free = free_surfaces(on, closed, period, MIN_LINES)
     maps = [sealed(turn(values)) for values in (whole, refused, np.maximum(doubt, free), free)]
     corrections = ShadowOrders(maps[0], maps[1], maps[2], maps[3], still)
     return _corrected(prepared, found, corrections), corrections

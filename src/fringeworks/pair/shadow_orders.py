@@ -81,6 +81,9 @@ def by_shadows(
     """
     turn, period = prepared.to_capture, found.period_px
     u = np.asarray(turn(found.displacement_px), np.float64)
+    if min(u.shape) < MIN_LINES:  # nothing could be told
+        zero, nowhere = turn(np.zeros(u.shape, np.int16)), turn(np.zeros(u.shape, bool))
+        return found, ShadowOrders(zero, nowhere, zero, nowhere, 0)
     seen = _seen(prepared, u, period)
     continues = continuity(prepared, u)
     on = continues >= CONTINUES
@@ -88,7 +91,7 @@ def by_shadows(
     whole, refused, still = np.zeros(u.shape, np.int16), np.zeros(u.shape, bool), 0
     doubt, open_links = whole, links.whole != 0
     if seen.whole.any():
-        orders = _told(likely_orders(continues, links, period), links, period)
+        orders = _told(likely_orders(continues, links, period), links, REACH * period)
         ends = orders.whole[links.rows, links.columns].astype(np.int64)
         open_links = links.whole != np.diff(ends, axis=1)[:, 0]
         refused = _undecided(orders, on, links, open_links, unused, 2.0 * REACH * period)
@@ -163,16 +166,16 @@ def _doubt(
     return np.asarray(scipy.ndimage.maximum_filter1d(doubt, round(reach_px) | 1, axis=0))
 
 
-def _told(orders: Orders, links: Links, period_px: float) -> Orders:
+def _told(orders: Orders, links: Links, least_px: float = 0.0) -> Orders:
     """The same orders, but for those that fewer than ``MIN_LINES`` lines tell, and for strips that
-    are narrower than ``REACH``: these are cut off beside a shadow where no border is seen."""
+    are no wider than ``least_px``: these are cut off beside a shadow where no border is seen."""
     changed = (orders.whole != 0) | orders.undecided
     region, count = scipy.ndimage.label(changed)
     ends = region[links.rows, links.columns]
     # A line tells of a region if its shadow differs from the step, or if it leads to another one.
     telling = (links.whole != 0) | ((ends > 0).all(axis=1) & (ends[:, 0] != ends[:, 1]))
     lines = np.bincount(ends[telling].ravel(), minlength=count + 1)
-    wide = np.bincount(region.ravel(), minlength=count + 1) > REACH * period_px * lines
+    wide = np.bincount(region.ravel(), minlength=count + 1) > least_px * lines
     kept = ((lines >= MIN_LINES) & wide)[region] & changed
     return Orders(np.where(kept, orders.whole, 0).astype(np.int16), orders.undecided & kept)
 

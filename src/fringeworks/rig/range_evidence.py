@@ -32,8 +32,8 @@ from fringeworks.types import (
 )
 from fringeworks.types.computed import cached_property
 
-SAMPLES = 4_000
-"""Pixels for which other periods are tried, at most: a share of 1 % of them is forty."""
+SAMPLES = 2_000
+"""Pixels for which other periods are tried, at most: a share of 1 % of them is twenty."""
 ALL_LIT = 0.99
 """Share of the pixels that other periods must lead into the projector's frame: the rest may be
 noise and flying pixels at edges, which take less than 1 %."""
@@ -42,7 +42,7 @@ APART_PX = 1.0
 less: calibrations by other programs leave as much."""
 BOTH_SHARE = 0.5
 """Share of the pixels that must be points of both axes, for other periods to be possible."""
-CELLS = 250_000
+CELLS = 100_000
 """Pixels of the camera whose light is compared in the projector's frame, and cells of that frame,
 at most."""
 CELL_PITCHES = 1.5
@@ -127,7 +127,7 @@ class _Scene:
     axis: Axis
     period_px: float
 
-    @property
+    @cached_property
     def measured(self) -> BoolMap:
         """Where there is a point, (h, w)."""
         return np.isfinite(self.points.xyz_mm[..., 2])
@@ -199,8 +199,7 @@ class _Scene:
 
     def hidden(self) -> list[Finding]:
         """Find points whose light would have to pass through another surface."""
-        h, w = self.rig.camera.shape
-        step = int(np.ceil(np.sqrt(h * w / CELLS)))
+        step = self.step
         known = self.measured[::step, ::step]
         xyz = self.points.xyz_mm[::step, ::step][known].astype(np.float64)
         room = ROOM_SIGMAS * self.points.sigma_mm[::step, ::step][known]
@@ -239,8 +238,15 @@ class _Scene:
     def pitch_px(self) -> float:
         """Median distance between neighbours of the camera's pixels at the projector, px; 0 without
         neighbours."""
-        x = self.map.coordinate_px
-        return max(_median(np.abs(np.diff(x, axis=k))) for k in (0, 1))
+        x, step = self.map.coordinate_px, self.step
+        sampled = np.diff(x[:, ::step], axis=0), np.diff(x[::step], axis=1)
+        return max(_median(np.abs(change)) for change in sampled)
+
+    @property
+    def step(self) -> int:
+        """Distance between rows, and columns, of which there are ``CELLS`` in the frame, px."""
+        h, w = self.rig.camera.shape
+        return int(np.ceil(np.sqrt(h * w / CELLS)))
 
     def _period_mm(self) -> float:
         """Depth of a period, mm: the median of the scene; 0 where no other period leads to one."""

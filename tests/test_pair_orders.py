@@ -31,6 +31,38 @@ def test_a_shadow_corrects_the_order_of_the_box_that_casts_it(periods, method):
     assert "shadows" in [f.kind for f in result.warnings]
 
 
+@pytest.mark.parametrize("periods", [0.96, 1.03])
+def test_sigma_covers_a_box_of_a_periods_height(periods):
+    """Its fringes continue those of the plane: only its shadow shows that it stands there."""
+    pair, u, lit = boxed(periods)
+    result = reconstruct(pair, "fourier")
+    found = result.displacement
+    ratio = (np.abs(found.displacement_px - u) / found.sigma_px)[lit]
+    ratio = ratio[np.isfinite(ratio)]
+    assert np.mean(ratio < 2) > 0.97  # 0.86 without a part of σ for it
+    assert np.mean(ratio > 5) < 0.01
+    assert "shadows" in [f.kind for f in result.warnings]
+    beside = found.sigma_px[:20]  # rows without a shadow
+    assert np.nanmedian(beside) < 0.1 * PERIOD
+
+
+def test_sigma_covers_a_dome_behind_flanks_that_fringes_do_not_follow():
+    radius = np.hypot(X - 110, Y - 75)
+    flank = 1.5 * PERIOD * np.clip((52 - radius) / 10, 0, 1)
+    top = 0.2 * PERIOD * np.cos(np.clip(radius / 40, 0, 1.57))
+    u = np.where(radius < 52, -flank - top, 0.0)
+    pair = Pair(photographed(0.0), photographed(u, seed=1), axis="x")
+    result = reconstruct(pair, "windowed")
+    found = result.displacement
+    error = np.abs(found.displacement_px - u)
+    known = np.isfinite(error)
+    assert np.mean(error[known] > 0.6 * PERIOD) > 0.1  # a period off
+    assert np.mean((error < 2 * found.sigma_px)[known]) > 0.98  # 0.73 without
+    assert np.nanmedian(found.sigma_px[radius > 90]) < 0.1 * PERIOD
+    (told,) = (f for f in result.warnings if f.kind == "whole periods")
+    assert told.figures["free_share"] == pytest.approx(np.mean(radius < 52), rel=0.6)
+
+
 @pytest.mark.parametrize("periods", [0.2, 0.35])
 def test_a_low_box_keeps_its_order(periods):
     pair, _, _ = boxed(periods)

@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fringeworks.pair.free_surfaces import free_surfaces
 from fringeworks.pair.order_range import AWAY, SHADOW_TOLERANCE, dark_pixels, shadows_along
 from fringeworks.pair.order_regions import Links, Orders, continuity, likely_orders
 from fringeworks.pair.prepared import PreparedPair
@@ -44,6 +45,11 @@ class ShadowOrders(Frozen):
     """Whole periods that were added."""
     refused: BoolMap
     """Surfaces whose order the shadows leave open, and the edges of those that were moved."""
+    doubt: NDArray[np.int16]
+    """Whole periods by which surfaces beside such lines, and free ones, may be off, which σ
+    holds."""
+    free: BoolMap
+    """Surfaces that are too far from all others for anything to tell their order."""
     open_lines: int
     """Lines whose shadow differs by whole periods from the step, and whose order stays open."""
 
@@ -64,7 +70,9 @@ def by_shadows(
     The displacement, and the corrections. Surfaces are moved by the whole periods that are the most
     likely by all shadows and by where the fringes continue (``likely_orders``). Surfaces whose
     order depends on the weight of the evidence are NaN (``ORDER_AMBIGUOUS``), and so are broken
-    places beside both, and surfaces there that no shadow reaches.
+    places beside both, and surfaces there that no shadow reaches. Where lines stay open, σ holds
+    the periods: a box whose height is close to a period has no border that could be seen. So does σ
+    of surfaces that lie far from all others (``free_surfaces``).
 
     Notes
     -----
@@ -73,22 +81,29 @@ def by_shadows(
     """
     turn, period = prepared.to_capture, found.period_px
     u = np.asarray(turn(found.displacement_px), np.float64)
+    if min(u.shape) < MIN_LINES:  # nothing could be told
+        zero, nowhere = turn(np.zeros(u.shape, np.int16)), turn(np.zeros(u.shape, bool))
+        return found, ShadowOrders(zero, nowhere, zero, nowhere, 0)
     seen = _seen(prepared, u, period)
-    if not seen.whole.any():
-        nowhere = np.zeros(u.shape, bool)
-        return found, ShadowOrders(turn(nowhere.astype(np.int16)), turn(nowhere), 0)
     continues = continuity(prepared, u)
     on = continues >= CONTINUES
     links, unused = _linked(seen, on, REACH * period)
-    orders = _told(likely_orders(continues, links, period), links)
-    at = (links.rows, links.columns)
-    open_links = links.whole != np.diff(orders.whole[at].astype(np.int64), axis=1)[:, 0]
-    refused = _undecided(orders, on, links, open_links, unused, 2.0 * REACH * period)
-    whole = np.where(refused, 0, orders.whole).astype(np.int16)
-    # A line that no surface was found beside, and one that is open, leave an order open.
-    still = int(np.count_nonzero(open_links | orders.undecided[at].any(axis=1)))
-    still += len(unused.whole)
-    corrections = ShadowOrders(sealed(turn(whole)), sealed(turn(refused)), still)
+    whole, refused, still = np.zeros(u.shape, np.int16), np.zeros(u.shape, bool), 0
+    doubt, open_links = whole, links.whole != 0
+    if seen.whole.any():
+        orders = _told(likely_orders(continues, links, period), links, REACH * period)
+        ends = orders.whole[links.rows, links.columns].astype(np.int64)
+        open_links = links.whole != np.diff(ends, axis=1)[:, 0]
+        refused = _undecided(orders, on, links, open_links, unused, 2.0 * REACH * period)
+        whole = np.where(refused, 0, orders.whole).astype(np.int16)
+        # A line that no surface was found beside, and one that is open, leave an order open.
+        undecided = orders.undecided[links.rows, links.columns].any(axis=1)
+        still = int(np.count_nonzero(open_links | undecided)) + len(unused.whole)
+        doubt = _doubt(links, open_links, ends, u.shape, REACH * period)
+    closed = (links.rows[~open_links], links.columns[~open_links])
+    free = free_surfaces(on, closed, period, MIN_LINES)
+    maps = [sealed(turn(values)) for values in (whole, refused, np.maximum(doubt, free), free)]
+    corrections = ShadowOrders(maps[0], maps[1], maps[2], maps[3], still)
     return _corrected(prepared, found, corrections), corrections
 
 
@@ -130,15 +145,38 @@ def _undecided(
     return np.asarray(orders.undecided | np.where(on, lost[place], broken))
 
 
-def _told(orders: Orders, links: Links) -> Orders:
-    """The same orders, but for those that fewer than ``MIN_LINES`` lines tell."""
+def _doubt(
+    links: Links,
+    open_links: BoolMap,
+    ends: NDArray[np.int64],
+    shape: tuple[int, ...],
+    reach_px: float,
+) -> NDArray[np.int16]:
+    """Periods that the surfaces on both sides of open lines may be off by, (h, w), up to the border
+    of the frame: nothing says on which side the body stands, nor where it ends."""
+    doubt = np.zeros(shape, np.int16)
+    apart = np.abs(links.whole - np.diff(ends, axis=1)[:, 0])
+    if np.count_nonzero(open_links) < MIN_LINES:
+        return doubt
+    for k in np.flatnonzero(open_links):
+        for row, column, way in zip(links.rows[k], links.columns[k], (-1, 1), strict=True):
+            side = doubt[row, column::way]
+            np.maximum(side, np.int16(apart[k]), out=side)
+    # The ends of a shadow are too short to be read.
+    return np.asarray(scipy.ndimage.maximum_filter1d(doubt, round(reach_px) | 1, axis=0))
+
+
+def _told(orders: Orders, links: Links, least_px: float = 0.0) -> Orders:
+    """The same orders, but for those that fewer than ``MIN_LINES`` lines tell, and for strips that
+    are no wider than ``least_px``: these are cut off beside a shadow where no border is seen."""
     changed = (orders.whole != 0) | orders.undecided
     region, count = scipy.ndimage.label(changed)
     ends = region[links.rows, links.columns]
     # A line tells of a region if its shadow differs from the step, or if it leads to another one.
     telling = (links.whole != 0) | ((ends > 0).all(axis=1) & (ends[:, 0] != ends[:, 1]))
     lines = np.bincount(ends[telling].ravel(), minlength=count + 1)
-    kept = (lines >= MIN_LINES)[region] & changed
+    wide = np.bincount(region.ravel(), minlength=count + 1) > least_px * lines
+    kept = ((lines >= MIN_LINES) & wide)[region] & changed
     return Orders(np.where(kept, orders.whole, 0).astype(np.int16), orders.undecided & kept)
 
 
@@ -179,7 +217,7 @@ def _corrected(
     prepared: PreparedPair, found: DisplacementMap, orders: ShadowOrders
 ) -> DisplacementMap:
     """The displacement with other orders."""
-    if not (orders.moved.any() or orders.refused.any()):
+    if not (orders.moved.any() or orders.refused.any() or orders.doubt.any()):
         return found
     reason = found.reason.copy()
     lost = orders.refused & np.isfinite(found.displacement_px)
@@ -190,6 +228,7 @@ def _corrected(
 
     u, turn = found.displacement_px, prepared.to_capture
     change, sigma = map(turn, moved_by_periods(prepared, turn(u), turn(orders.moved)))
+    sigma = np.hypot(sigma, found.period_px * orders.doubt)
     return replace(
         found,
         displacement_px=blank(u + change, u.dtype),

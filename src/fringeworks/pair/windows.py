@@ -86,6 +86,10 @@ MIN_EXPLAINED = 0.3
 A window that explains less does not show the reference's fringes. An empirical choice.
 """
 
+LEAST_SHARE = 1e-3
+"""Smallest share of a patch with data, and smallest mean square slope of the fringes in it, that
+is divided by."""
+
 
 def mean_square(misfit: NDArray[np.float32], side_px: int = PATCH_PX) -> NDArray[np.float32]:
     """Mean square over squares of a side, (h, w); pixels without data count as 0."""
@@ -108,6 +112,39 @@ def unexplained(misfit: NDArray[np.float32], noise: float, most: float = MIN_MIS
 def is_rare(places: BoolMap) -> bool:
     """Whether so few pixels are marked that nothing is searched there."""
     return int(np.count_nonzero(places)) < MIN_POOR_PIXELS
+
+
+def misfit_variance(
+    windows: Windows, fitted: Fitted, albedo: NDArray[np.float32] | None
+) -> NDArray[np.float32] | float:
+    """Variance of the displacement by what the windows leave unexplained, (h, w), px².
+
+    Notes
+    -----
+    What noise does not explain is no noise: it is common to a patch, and no window averages it. In
+    units of the mean square slope of the fringes there, it is the square of a displacement. Pixels
+    that show two surfaces, beside cliffs, have it.
+    """
+    if is_rare(unexplained(fitted.misfit, windows.object_noise)):
+        return 0.0
+    windows = windows.above_dark()
+    known = np.isfinite(fitted.displacement_px)
+    value, slope, both = windows.warp(np.where(known, fitted.displacement_px, np.float32(0)))
+    known &= both > 0
+    beta = np.ones_like(value) if albedo is None else albedo
+    gain = np.where(known, fitted.modulation_ratio, 0) / beta
+
+    def mean(values: FloatMap) -> FloatMap:
+        share = np.maximum(box_mean(known.astype(np.float32), PATCH_PX, "edge"), LEAST_SHARE)
+        total = box_mean(np.where(known, values, 0).astype(np.float32), PATCH_PX, "edge")
+        return np.asarray(total / share)
+
+    level = mean(windows.object / beta - gain * value)
+    patches = mean((windows.object - beta * (level + gain * value)) ** 2)
+    usual = usual_noise(patches.astype(np.float32), windows.object_noise)
+    more = np.maximum(patches - MIN_MISFIT * usual - MIN_MISFIT_SHARE, 0.0)
+    steep = np.maximum(mean((beta * gain * slope) ** 2), LEAST_SHARE)
+    return np.asarray(more / steep, np.float32)
 
 
 class Fitted(NamedTuple):

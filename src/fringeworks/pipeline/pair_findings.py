@@ -16,8 +16,10 @@ from fringeworks.types import (
     Finding,
     InputError,
     Pair,
+    Pixels,
     Reason,
     count_reasons,
+    region_of,
 )
 
 TURNED_DEG = 60.0
@@ -261,6 +263,30 @@ def tear_findings(torn: float) -> tuple[Finding, ...]:
             advice="check these regions where the object has steps of whole periods",
             figures={"moved_share": torn},
             severity="note",
+        ),
+    )
+
+
+def free_findings(shadows: ShadowOrders, *, applied: bool) -> tuple[Finding, ...]:
+    """Return a finding about surfaces whose whole periods nothing tells; empty for none.
+
+    ``applied`` is False for a single frame, whose σ does not hold them.
+    """
+    share = float(shadows.free.mean())
+    if share == 0.0:
+        return ()
+    held = "σ holds one period there" if applied else "σ does not hold that"
+    return (
+        Finding(
+            "whole periods",
+            f"{100 * share:.1f} % of the pixels belong to surfaces that lie a period or more from "
+            f"all others: their flanks are too steep for the fringes to be followed, and whole "
+            f"periods are unknown; {held}",
+            causes=("flanks along which the fringes are compressed to a few pixels",),
+            advice="use fringes of a longer period, a smaller angle, or shifted fringes with Gray "
+            "code; with a rig, a depth range (depth_mm) tells the periods",
+            figures={"free_share": share},
+            pixels=Pixels(int(shadows.free.sum()), shadows.free.size, region_of(shadows.free)),
         ),
     )
 

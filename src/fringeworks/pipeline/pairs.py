@@ -20,6 +20,7 @@ from fringeworks.pair.tears import without_tears
 from fringeworks.pipeline.inputs import pair_of, sources_of
 from fringeworks.pipeline.pair_findings import (
     frame_findings,
+    free_findings,
     pair_findings,
     rim_findings,
     shadow_findings,
@@ -205,7 +206,8 @@ def _displacement(
         corrected, shadows = by_shadows(prepared, found)
         photographed = pair.reference is not None  # only that tells paint from shadow
         found = corrected if photographed else found
-        told = (*told, *shadow_findings(shadows, applied=photographed))
+        told += shadow_findings(shadows, applied=photographed)
+        told += free_findings(shadows, applied=photographed)
     if asked.zero == "reference" or pair.reference is None or pair.mask is not None:
         return found, None, told
     rim = measure_rim(prepared, found, pair.background)

@@ -20,6 +20,7 @@ from fringeworks.pipeline.scene_colour import colour_findings, scene_brightness
 from fringeworks.rig.depth_range import DepthRange, depth_range_of
 from fringeworks.rig.lit_side import refuse_wrong_side
 from fringeworks.rig.point_findings import point_findings
+from fringeworks.rig.range_evidence import range_findings
 from fringeworks.rig.sensor_region import rig_for_region
 from fringeworks.rig.triangulate import Triangulator
 from fringeworks.signal.response import Response, check_devices
@@ -95,8 +96,7 @@ def measure(
     """Measure the points of a stack of frames with a calibrated rig; see ``verbs.measure``."""
     stacks = stacks_of(stack)
     if white_balance is not None:
-        gains = check_gains(white_balance)
-        stacks = tuple(replace(one, white_balance=gains) for one in stacks)
+        stacks = tuple(replace(one, white_balance=check_gains(white_balance)) for one in stacks)
     plan = stacks[0].plan
     rig = _for_stack(rig, stacks[0])
     check_projector(rig.rig, stacks[0])
@@ -106,8 +106,7 @@ def measure(
         options.setdefault("absolute", not repeats(plan))
     found = decoded_exposures(stacks, {"keep_blur": _sharpened(rig.rig, blur_px), **options})
     with found_before(found.findings):
-        if depth is not None:
-            found = depth.resolve(found)
+        repeating, found = found, found if depth is None else depth.resolve(found)
         points = rig.triangulate(
             found, axis=axis, epipolar_px=epipolar_px, colour=scene_brightness(stacks, found)
         )
@@ -131,6 +130,7 @@ def measure(
     )
     found = replace(found, provenance=origin)
     more = (*point_findings(points, rig.rig, plan.height_px), *colour_findings(stacks, points))
+    more += range_findings(points, found, repeating, depth)
     points = replace(points, provenance=origin, findings=(*points.findings, *more))
     return Measurement(points, found, seconds)
 

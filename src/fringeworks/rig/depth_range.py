@@ -150,7 +150,8 @@ class DepthRange:
     NaN (``OUTSIDE_DEPTH``), with several of them as well (``ORDER_AMBIGUOUS``).
 
     A surface outside the range that is off by a whole period from a point within it cannot be told
-    from that point. The finding of ``resolve`` says from which depths on this happens.
+    from that point. The finding of ``resolve`` says from which depths on this happens, and those of
+    ``measure`` what the scene says about it (``range_evidence``).
 
     Examples
     --------

@@ -26,6 +26,7 @@ from fringeworks.pair.windows import (
     Fitted,
     Windows,
     is_rare,
+    misfit_variance,
     unexplained,
 )
 from fringeworks.signal.bands import by_bands, row_bands
@@ -151,6 +152,9 @@ def windowed(
         found = found._replace(modulation_ratio=albedo * found.modulation_ratio)
     displacement, scale = found.displacement_px, found.scale
     displacement[_far_from_data(pair)] = np.nan
+    found = found._replace(
+        model_variance=found.model_variance + misfit_variance(windows, found, albedo)
+    )
     sigma = window_sigma(start, found, walls, widths, iterations, pair.period)
     return Solution(
         displacement_px=sealed(displacement),

@@ -333,11 +333,16 @@ def _skin(
         if lines is not None:
             at, number = _on_lines(chart, lines, places[kept], low, span)
         pixel = kept[scipy.spatial.cKDTree(unit[kept]).query(at)[1]]
-        if lines is not None and not chart.exact:
-            number, pixel = _at_pixels(number, pixel)
-            at = unit[pixel]
-        unsure = Unsure(fitted.design(at), fitted.likely)
-        value, weight = fitted.at(at), np.ones(len(at))
+        own = lines is not None and not fitted.resolved
+        if lines is not None and (own or not chart.exact):
+            once = np.unique(np.stack((number, pixel)), axis=1, return_index=True)[1]
+            number, pixel, at = number[once], pixel[once], at[once]
+            # A model has feet at pixels alone; those of a body lie on the line itself.
+            at = at if chart.exact else unit[pixel]
+        # Beside edges no spline describes the surface: its pixels stand for themselves.
+        unsure = Unsure(sigma[pixel]) if own else Unsure(fitted.design(at), fitted.likely)
+        value = distance[pixel] if own else fitted.at(at)
+        weight = np.ones(len(at))
     elif fitted.resolved:
         pixel, weight = _chosen(chart, unit, fitted.at(unit), kept, rest, evenly=evenly)
         at, number = unit[pixel], number[pixel]
@@ -353,12 +358,6 @@ def _skin(
     across = None if lines is None else _across(chart, lines)
     common = _parts(part, unit, normals, kept, at, pixel)
     return Skin(chart.body, foot, normal, value, (unsure,), *common, weight, number, across)
-
-
-def _at_pixels(number: FloatMap, pixel: NDArray[np.intp]) -> tuple[FloatMap, NDArray[np.intp]]:
-    """Each pixel of each line once: a model has feet at pixels alone."""
-    both = np.unique(np.stack((number, pixel)), axis=1)
-    return both[0], both[1].astype(np.intp)
 
 
 def _across(chart: Chart, lines: Lines) -> FloatMap:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -36,6 +36,11 @@ STIFFNESS = 1e-3
 SLANT_STEP = np.radians(8.0)
 """First change of the direction of slanted waves that is tried. The slopes of the likeliest surface
 tell a ridge's direction to a few degrees where it stands out of the noise."""
+SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1))
+"""Neighbours of two lengths."""
+STEPS = (1, 2, 2)
+"""Steps between neighbouring lengths of each kind of form. Kinked ones have parts of all
+lengths, so that their evidence changes half as fast."""
 SLANTED = 3
 """Steps between the two lengths with which directions are tried: a ratio of 2.7."""
 SLANT_ENOUGH = np.radians(1.5)
@@ -45,8 +50,13 @@ SLANT_PRICE = float(np.log(np.pi / (2.0 * SLANT_ENOUGH)))
 """What the logarithm of the evidence pays for a direction: that of the number of directions that
 can be told from each other."""
 
-Key = tuple[int, int, int]
-"""Numbers of the lengths across and along, and of the direction of the waves."""
+Key = tuple[int, int, int, int]
+"""Numbers of the lengths across and along, of the direction of the waves, and of their kind, see
+``KINDS``."""
+
+
+Alike = Callable[[FloatMap], FloatMap]
+"""How much values have in common, by their distance in lengths of form."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +111,12 @@ class Trials:
         """Return independent parts of the form, (p, r)."""
         if key not in self.roots:
             lengths = [LONGEST / LENGTH_RATIO**k for k in key[:2]]
+            alike = KINDS[key[3]]
             if key[2]:
-                self.roots[key] = _slanted(self.side, lengths, self.slants[key[2]])
+                self.roots[key] = _slanted(self.side, lengths, self.slants[key[2]], alike)
             else:
-                self.roots[key] = np.kron(*(_root(self.side, one) for one in lengths))
+                sides = zip(lengths, alike, strict=True)
+                self.roots[key] = np.kron(*(_root(self.side, *one) for one in sides))
         return self.roots[key]
 
     @property
@@ -238,7 +250,7 @@ def likely(normal: FloatMap, right: FloatMap, side: int, rigid: FloatMap) -> Lik
 def _with_local_heights(alike: Trials, side: int) -> Trials:
     """The same for heights that vary from place to place, in the way that suits the values best."""
     one = alike.tried[alike.best]
-    root = _root(side, LENGTH)
+    root = _root(side, LENGTH, _smooth)
     height = one.heights[int(np.argmax(one.evidence))]
     parts = parts_of_heights(root, root)
     local, price = local_heights(height * one.waves, alike.normal, alike.right, parts)
@@ -250,20 +262,25 @@ def _search(trials: Trials) -> None:
     directions."""
     found: dict[Key, float] = {}
     for k in range(trials.count):
-        found[k, k, 0] = trials.evidence((k, k, 0))
-        if found[k, k, 0] < max(found.values()) - 3.0 * UNLIKELY:
+        found[k, k, 0, 0] = trials.evidence((k, k, 0, 0))
+        if found[k, k, 0, 0] < max(found.values()) - 3.0 * UNLIKELY:
             break
     _slant(trials, found)
+    _around(trials, found)
+    _kink(trials, found)
     _around(trials, found)
 
 
 def _around(trials: Trials, found: dict[Key, float]) -> None:
     """Try the neighbours of all lengths that are likely."""
-    steps = ((1, 0), (-1, 0), (0, 1), (0, -1))
     while True:
         best = max(found.values())
         ends = [key for key, value in found.items() if value > best - UNLIKELY]
-        around = {(i + di, j + dj, way) for i, j, way in ends for di, dj in steps} - set(found)
+        around = {
+            (i + STEPS[kink] * di, j + STEPS[kink] * dj, way, kink)
+            for i, j, way, kink in ends
+            for di, dj in SIDES
+        } - set(found)
         new = [key for key in around if min(key) >= 0 and max(key[:2]) < trials.count]
         if not new:
             return
@@ -281,8 +298,8 @@ def _slant(trials: Trials, found: dict[Key, float]) -> None:
 
     def tried(angle: float) -> float:
         trials.slants[:] = [0.0, angle]
-        trials.roots.pop((*lengths, 1), None)
-        return trials.evidence((*lengths, 1))
+        trials.roots.pop((*lengths, 1, 0), None)
+        return trials.evidence((*lengths, 1, 0))
 
     best, step = _steepest(trials), SLANT_STEP
     top = tried(best)
@@ -294,9 +311,27 @@ def _slant(trials: Trials, found: dict[Key, float]) -> None:
                 break
         step *= 0.5
     if tried(best) > found[equal]:
-        found[(*lengths, 1)] = top
+        found[(*lengths, 1, 0)] = top
     else:
-        del trials.tried[(*lengths, 1)]
+        del trials.tried[(*lengths, 1, 0)]
+
+
+def _kink(trials: Trials, found: dict[Key, float]) -> None:
+    """Try forms with kinks, such as roofs and narrow dents, from the lengths of smooth ones on: the
+    likeliest lengths of such forms are longer."""
+    for way, kind in ((0, 1), (1, 1), (1, 2)):
+        smooth = [key for key in found if key[2:] == (way, 0)]
+        if not smooth:
+            continue
+        i, j, *_ = max(smooth, key=lambda key: found[key])
+        best = -np.inf
+        while min(i, j) >= 0:
+            key = (i, j, way, kind)
+            found[key] = trials.evidence(key)
+            if found[key] <= best:
+                break
+            best, i = found[key], i - STEPS[kind]
+            j = max(j - STEPS[kind], 0) if kind == 1 else j
 
 
 def _steepest(trials: Trials) -> float:
@@ -320,22 +355,39 @@ def _bows(normal: FloatMap, right: FloatMap, side: int, rigid: FloatMap) -> Bows
     return Bows(forms @ turn[:, seen] / np.sqrt(size[seen]), normal, right)
 
 
-def _root(side: int, length: float) -> FloatMap:
+def _smooth(apart: FloatMap) -> FloatMap:
+    """How much coefficients have in common, by their distance in lengths of form."""
+    return np.asarray(np.exp(-0.5 * apart**2))
+
+
+def _kinked(apart: FloatMap) -> FloatMap:
+    """The same of forms whose slope may jump (Matérn with ν = 3/2; Rasmussen & Williams, ch. 4)."""
+    far = np.sqrt(3.0) * np.abs(apart)
+    return np.asarray((1.0 + far) * np.exp(-far))
+
+
+KINDS = ((_smooth, _smooth), (_kinked, _kinked), (_kinked, _smooth))
+"""Kinds of form across and along their direction: waves, dents, and ridges with an edge."""
+
+
+def _root(side: int, length: float, alike: Alike) -> FloatMap:
     """Independent parts of the coefficients along one side, (side, r)."""
     at = np.arange(side) / (side - 3)
-    size, turn = np.linalg.eigh(np.exp(-0.5 * ((at[:, None] - at) / length) ** 2))
+    size, turn = np.linalg.eigh(alike((at[:, None] - at) / length))
     kept = size > NEGLIGIBLE * size[-1]
     return np.asarray(turn[:, kept] * np.sqrt(size[kept]))
 
 
-def _slanted(side: int, lengths: Sequence[float], slant: float) -> FloatMap:
+def _slanted(
+    side: int, lengths: Sequence[float], slant: float, alike: tuple[Alike, Alike]
+) -> FloatMap:
     """Independent parts of the coefficients for lengths along and across a direction, (p, r)."""
     at = np.arange(side) / (side - 3)
     first, second = (one.ravel() for one in np.meshgrid(at, at, indexing="ij"))
     along = (np.cos(slant) * first + np.sin(slant) * second) / lengths[0]
     across = (np.cos(slant) * second - np.sin(slant) * first) / lengths[1]
-    apart = (along[:, None] - along) ** 2 + (across[:, None] - across) ** 2
-    size, turn = np.linalg.eigh(np.exp(-0.5 * apart))
+    common = alike[0](along[:, None] - along) * alike[1](across[:, None] - across)
+    size, turn = np.linalg.eigh(common)
     kept = size > NEGLIGIBLE * size[-1]
     return np.asarray(turn[:, kept] * np.sqrt(size[kept]))
 

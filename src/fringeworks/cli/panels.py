@@ -25,8 +25,8 @@ PANELS = {
     "camera-pixel robust colours "
     "quantity part operator names tolerance-width calibrated calibrated-sigma spread share",
     "Output": "out capture ply figure panel no-title report head json csv markdown timing force "
-    "history watched title part-reports excel resume",
-    "Work": "workers scheduler memory-gb watch",
+    "history watched title part-reports excel",
+    "Work": "recipe workers scheduler memory-gb watch",
 }
 """Names of options by panel. An option means the same in every command, so it has one panel."""
 FIRST = {

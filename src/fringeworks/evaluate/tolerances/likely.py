@@ -250,7 +250,7 @@ def likely(normal: FloatMap, right: FloatMap, side: int, rigid: FloatMap) -> Lik
 def _with_local_heights(alike: Trials, side: int) -> Trials:
     """The same for heights that vary from place to place, in the way that suits the values best."""
     one = alike.tried[alike.best]
-    root = _root(side, LENGTH, _smooth)
+    root = _root(side, LENGTH)
     height = one.heights[int(np.argmax(one.evidence))]
     parts = parts_of_heights(root, root)
     local, price = local_heights(height * one.waves, alike.normal, alike.right, parts)
@@ -370,7 +370,7 @@ KINDS = ((_smooth, _smooth), (_kinked, _kinked), (_kinked, _smooth))
 """Kinds of form across and along their direction: waves, dents, and ridges with an edge."""
 
 
-def _root(side: int, length: float, alike: Alike) -> FloatMap:
+def _root(side: int, length: float, alike: Alike = _smooth) -> FloatMap:
     """Independent parts of the coefficients along one side, (side, r)."""
     at = np.arange(side) / (side - 3)
     size, turn = np.linalg.eigh(alike((at[:, None] - at) / length))

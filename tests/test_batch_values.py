@@ -15,6 +15,7 @@ from fringeworks.batch.report import shown_values
 from fringeworks.batch.run import BatchResult
 from fringeworks.batch.store import Store
 from fringeworks.evaluate import PartTolerance
+from fringeworks.files.study_table import read_study
 from fringeworks.report.control_chart import control_chart
 from fringeworks.report.page.blocks import Picture
 from fringeworks.report.page.html import _picture
@@ -86,3 +87,16 @@ def test_what_a_report_of_a_part_needs_is_kept(tmp_path):
         assert store.row("one") == {"value": 1}
         assert store.judgement("one") == json.loads(json.dumps(as_values(found)))
         assert store.judgement("two") == {}
+
+
+def test_a_summary_for_excel_begins_with_its_mark_and_reads_alike(tmp_path):
+    rows = [{"scan": f"{p}_{o}_{t}", "l σ": 1.0 + p + 0.1 * t} for p, o, t in np.ndindex(3, 2, 2)]
+    found = []
+    for excel in (False, True):
+        store = Store(tmp_path / str(excel), excel=excel)
+        store.folder.mkdir()
+        store.write_summary(rows)
+        found.append(read_study(store.summary, "l σ", names="{part}_{operator}_{trial}"))
+        assert store.summary.read_bytes().startswith(b"\xef\xbb\xbf") == excel
+    assert np.array_equal(found[0].values, found[1].values)
+    assert found[0].parts == found[1].parts

@@ -65,6 +65,7 @@ def run_batch(
     scheduler: str | None = None,
     memory_gb: float = USUAL_MEMORY_GB,
     resume: bool = False,
+    excel: bool = False,
     watch: Callable[[], bool] | None = None,
     progress: Callable[[Row, int], None] = lambda *_: None,
     started: Callable[[Engine], None] = lambda _: None,
@@ -90,6 +91,8 @@ def run_batch(
         failed.
     resume : bool
         Go on with results that are there: only what is missing is measured.
+    excel : bool
+        Begin the summary with the mark (UTF-8 BOM) by which Excel reads σ and µ rightly.
     watch : callable, optional
         Called when all captures are measured; while it returns true, captures that have come
         meanwhile are measured as well. For folders that a line fills.
@@ -120,7 +123,7 @@ def run_batch(
     known = _complete(recipe if isinstance(recipe, Recipe) else read_recipe(recipe))
     folder = Path(out)
     check_store(folder)
-    store = Store(folder)
+    store = Store(folder, excel=excel)
     if is_folder(folder / "scans") and not resume:
         raise InputError(
             f"{folder}: expected a new folder, or to resume the batch there, got results"

@@ -37,6 +37,9 @@ CHUNK_PX = 256
 """Side of a chunk, px; a scan is one shard."""
 UNITS = {"xyz_mm": "mm", "sigma_mm": "mm", "noise_mm": "mm", "reason": ""}
 """Units of the arrays of points."""
+BYTE_ORDER_MARK = "\ufeff"
+"""First letter of a text by which Excel knows that it is UTF-8; it takes σ and µ for two letters
+each without it."""
 Row = dict[str, Any]
 """Figures of a scan, ready for JSON."""
 
@@ -50,10 +53,13 @@ class Store:
     ----------
     folder : path
         A name that ends with ``.zarr`` holds Zarr groups (format 3), any other one archives.
+    excel : bool
+        Whether the summary begins with the mark by which Excel knows UTF-8.
     """
 
-    def __init__(self, folder: StrPath) -> None:
+    def __init__(self, folder: StrPath, *, excel: bool = False) -> None:
         self.folder = Path(folder)
+        self.excel = excel
         self.zarr = self.folder.suffix == ".zarr"
         # Nothing but Zarr's own files lies in its folder: readers complain about others.
         beside = self.folder.with_suffix(".csv")
@@ -172,7 +178,7 @@ class Store:
         writer = csv.DictWriter(text, columns, lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
-        write_text(self.summary, text.getvalue())
+        write_text(self.summary, (BYTE_ORDER_MARK if self.excel else "") + text.getvalue())
         try:
             import pyarrow
             from pyarrow import parquet

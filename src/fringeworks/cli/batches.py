@@ -77,6 +77,10 @@ def batch(
             "--resume", help="Go on where an interrupted run ended: measure what is missing."
         ),
     ] = False,
+    excel: Annotated[
+        bool,
+        typer.Option("--excel", help="Mark the summary (CSV) as UTF-8, so that Excel reads σ, µ."),
+    ] = False,
 ) -> None:
     """Measure and judge many captures; exit code 0 all pass, 3 some fail, 4 undecided, 5 errors."""
     words = output.Output()
@@ -99,6 +103,7 @@ def batch(
             scheduler=scheduler,
             memory_gb=memory_gb,
             resume=resume,
+            excel=excel,
             watch=_wait if watch else None,
             progress=told,
             started=started,

@@ -28,7 +28,7 @@ HeadOption = Annotated[
     typer.Option(
         "--head",
         help="Field of the report's head, as serial=18: customer, order, part, part_number, "
-        "serial, drawing, revision, device, inspector; repeatable.",
+        "serial, drawing, revision, device, inspector, language (en, de, zh, ja); repeatable.",
     ),
 ]
 Figure = Annotated[

@@ -25,10 +25,12 @@ PANELS = {
     "camera-pixel robust colours "
     "quantity part operator names tolerance-width calibrated calibrated-sigma spread share",
     "Output": "out capture ply figure panel no-title report head json csv markdown timing force "
-    "history watched",
+    "history watched title part-reports excel",
+    "Work": "recipe workers scheduler memory-gb watch",
 }
 """Names of options by panel. An option means the same in every command, so it has one panel."""
 FIRST = {
+    "batch": "recipe out report workers resume",
     "calibrate": "board out live setup figure",
     "capture": "setup out hdr average resume",
     "check": "rig board adjust out json",

@@ -18,10 +18,17 @@ HEAD_FIELDS: Mapping[str, str] = MappingProxyType(
         "revision": "drawing revision",
         "device": "device",
         "inspector": "inspected by",
+        "language": "language",
     }
 )
 """Fields of a report's head, and their words on paper: those of the title block of a drawing
-(ISO 7200:2004), with the serial number, and who inspects with what."""
+(ISO 7200:2004) with its language, the serial number, and who inspects with what."""
+ENGLISH = "en"
+"""Language of reports unless another is asked for."""
+LANGUAGES = (ENGLISH, "de", "zh", "ja")
+"""Languages of reports, as in ISO 639: English, German, Chinese, Japanese."""
+LETTERS: Mapping[str, str] = MappingProxyType({"zh": "检", "ja": "検"})
+"""A letter of the languages that most typefaces lack; each stands for "inspection"."""
 PART_HEAD = ("customer", "order", "part", "part_number", "serial", "drawing", "revision")
 """Fields of a report that judges a part."""
 DEVICE_HEAD = ("customer", "order", "device", "serial")
@@ -51,8 +58,8 @@ def checked_head(head: Mapping[str, str]) -> dict[str, str]:
 
     Raises
     ------
-    InputError for an unknown field, and for text that is empty, longer than 120 letters or not in
-    one line.
+    InputError for an unknown field or language, and for text that is empty, longer than 120 letters
+    or not in one line.
     """
     for name, text in head.items():
         if name not in HEAD_FIELDS:
@@ -64,4 +71,6 @@ def checked_head(head: Mapping[str, str]) -> dict[str, str]:
                 f"head: expected a line of 1 to {MOST_LETTERS} letters for {name}, got "
                 f"{str(text)[:MOST_LETTERS]!r}"
             )
+        if name == "language" and text not in LANGUAGES:
+            raise InputError(f"head: expected a language of {', '.join(LANGUAGES)}, got {text!r}")
     return dict(head)

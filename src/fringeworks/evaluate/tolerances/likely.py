@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -33,7 +33,30 @@ UNLIKELY = 6.0
 STIFFNESS = 1e-3
 """Part of a coefficient's own data that is added to it where only its size is asked for."""
 
-Key = tuple[int, int]
+SLANT_STEP = np.radians(8.0)
+"""First change of the direction of slanted waves that is tried. The slopes of the likeliest surface
+tell a ridge's direction to a few degrees where it stands out of the noise."""
+SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1))
+"""Neighbours of two lengths."""
+STEPS = (1, 2, 2)
+"""Steps between neighbouring lengths of each kind of form. Kinked ones have parts of all
+lengths, so that their evidence changes half as fast."""
+SLANTED = 3
+"""Steps between the two lengths with which directions are tried: a ratio of 2.7."""
+SLANT_ENOUGH = np.radians(1.5)
+"""Change below which the direction is known: a ridge that is a tenth of the area wide moves by a
+quarter of its width over the area then."""
+SLANT_PRICE = float(np.log(np.pi / (2.0 * SLANT_ENOUGH)))
+"""What the logarithm of the evidence pays for a direction: that of the number of directions that
+can be told from each other."""
+
+Key = tuple[int, int, int, int]
+"""Numbers of the lengths across and along, of the direction of the waves, and of their kind, see
+``KINDS``."""
+
+
+Alike = Callable[[FloatMap], FloatMap]
+"""How much values have in common, by their distance in lengths of form."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +79,14 @@ class Roughness:
 class Trials:
     """Lengths and heights of form that are tried, with one course of the height over the area."""
 
-    roots: list[FloatMap]
-    """Parts of the form along a side for each length, (side, r)."""
+    side: int
+    """Number of coefficients along each side."""
+    count: int
+    """Number of lengths that are tried."""
+    slants: list[float]
+    """Directions of the first length from the first side, rad; the first one is 0."""
+    roots: dict[Key, FloatMap]
+    """Parts of the form for lengths and a direction, (p, r), once they have been computed."""
     normal: FloatMap
     """Of the equations of least squares, without what bows explain, (p, p)."""
     right: FloatMap
@@ -72,10 +101,23 @@ class Trials:
 
     def evidence(self, key: Key) -> float:
         """Try two lengths; return the logarithm of their evidence, of all heights together."""
-        waves = self.local[:, None] * np.kron(self.roots[key[0]], self.roots[key[1]])
+        waves = self.local[:, None] * self.root(key)
         found = _roughness(waves, self.normal, self.right, self.heights)
-        self.tried[key] = replace(found, evidence=found.evidence + self.price)
+        price = SLANT_PRICE if key[2] else 0.0
+        self.tried[key] = replace(found, evidence=found.evidence + self.price - price)
         return float(np.logaddexp.reduce(self.tried[key].evidence))
+
+    def root(self, key: Key) -> FloatMap:
+        """Return independent parts of the form, (p, r)."""
+        if key not in self.roots:
+            lengths = [LONGEST / LENGTH_RATIO**k for k in key[:2]]
+            alike = KINDS[key[3]]
+            if key[2]:
+                self.roots[key] = _slanted(self.side, lengths, self.slants[key[2]], alike)
+            else:
+                sides = zip(lengths, alike, strict=True)
+                self.roots[key] = np.kron(*(_root(self.side, *one) for one in sides))
+        return self.roots[key]
 
     @property
     def best(self) -> Key:
@@ -189,14 +231,14 @@ def likely(normal: FloatMap, right: FloatMap, side: int, rigid: FloatMap) -> Lik
     bows = _bows(normal, right, side, rigid)
     normal, right = bows.freed()
     count = 1 + int(np.log(LONGEST * (side - 3)) / np.log(LENGTH_RATIO))
-    roots = [_root(side, LONGEST / LENGTH_RATIO**k) for k in range(count)]
-    alike = Trials(roots, normal, right, _heights(normal, right), np.ones(side * side), 0.0, {})
-    _search(alike.evidence, count)
+    heights = _heights(normal, right)
+    alike = Trials(side, count, [0.0], {}, normal, right, heights, np.ones(side * side), 0.0, {})
+    _search(alike)
     local = _with_local_heights(alike, side)
     key = alike.best
     found = {key: local.evidence(key)}
     if local.top > alike.top - UNLIKELY:
-        _around(local.evidence, count, found)
+        _around(local, found)
     every = [*alike.tried.values(), *local.tried.values()]
     evidence = np.array([one.evidence for one in every])
     kept = evidence.max(axis=1) > evidence.max() - UNLIKELY
@@ -215,28 +257,90 @@ def _with_local_heights(alike: Trials, side: int) -> Trials:
     return replace(alike, local=local, price=price, tried={})
 
 
-def _search(evidence: Callable[[Key], float], count: int) -> None:
-    """Try equal lengths, the long ones first, then the neighbours of all that are likely."""
+def _search(trials: Trials) -> None:
+    """Try equal lengths, the long ones first, then the neighbours of all that are likely, then
+    directions."""
     found: dict[Key, float] = {}
-    for k in range(count):
-        found[k, k] = evidence((k, k))
-        if found[k, k] < max(found.values()) - 3.0 * UNLIKELY:
+    for k in range(trials.count):
+        found[k, k, 0, 0] = trials.evidence((k, k, 0, 0))
+        if found[k, k, 0, 0] < max(found.values()) - 3.0 * UNLIKELY:
             break
-    _around(evidence, count, found)
+    _slant(trials, found)
+    _around(trials, found)
+    _kink(trials, found)
+    _around(trials, found)
 
 
-def _around(evidence: Callable[[Key], float], count: int, found: dict[Key, float]) -> None:
+def _around(trials: Trials, found: dict[Key, float]) -> None:
     """Try the neighbours of all lengths that are likely."""
-    steps = ((1, 0), (-1, 0), (0, 1), (0, -1))
     while True:
         best = max(found.values())
         ends = [key for key, value in found.items() if value > best - UNLIKELY]
-        around = {(i + di, j + dj) for i, j in ends for di, dj in steps} - set(found)
-        new = [key for key in around if min(key) >= 0 and max(key) < count]
+        around = {
+            (i + STEPS[kink] * di, j + STEPS[kink] * dj, way, kink)
+            for i, j, way, kink in ends
+            for di, dj in SIDES
+        } - set(found)
+        new = [key for key in around if min(key) >= 0 and max(key[:2]) < trials.count]
         if not new:
             return
         for key in sorted(new):
-            found[key] = evidence(key)
+            found[key] = trials.evidence(key)
+
+
+def _slant(trials: Trials, found: dict[Key, float]) -> None:
+    """Find the direction of waves that are longer along it than across, where the values tell one.
+
+    A direction that was not known before is one of many, which its evidence pays for.
+    """
+    equal = max(found, key=lambda key: found[key])
+    lengths = (equal[0], max(equal[0] - SLANTED, 0))
+
+    def tried(angle: float) -> float:
+        trials.slants[:] = [0.0, angle]
+        trials.roots.pop((*lengths, 1, 0), None)
+        return trials.evidence((*lengths, 1, 0))
+
+    best, step = _steepest(trials), SLANT_STEP
+    top = tried(best)
+    while top > found[equal] and step > SLANT_ENOUGH:
+        for angle in (best - step, best + step):
+            value = tried(angle)
+            if value > top:
+                best, top = angle, value
+                break
+        step *= 0.5
+    if tried(best) > found[equal]:
+        found[(*lengths, 1, 0)] = top
+    else:
+        del trials.tried[(*lengths, 1, 0)]
+
+
+def _kink(trials: Trials, found: dict[Key, float]) -> None:
+    """Try forms with kinks, such as roofs and narrow dents, from the lengths of smooth ones on: the
+    likeliest lengths of such forms are longer."""
+    for way, kind in ((0, 1), (1, 1), (1, 2)):
+        smooth = [key for key in found if key[2:] == (way, 0)]
+        if not smooth:
+            continue
+        i, j, *_ = max(smooth, key=lambda key: found[key])
+        best = -np.inf
+        while min(i, j) >= 0:
+            key = (i, j, way, kind)
+            found[key] = trials.evidence(key)
+            if found[key] <= best:
+                break
+            best, i = found[key], i - STEPS[kind]
+            j = max(j - STEPS[kind], 0) if kind == 1 else j
+
+
+def _steepest(trials: Trials) -> float:
+    """Direction of the steepest slopes of the likeliest surface, rad from the first side."""
+    one = trials.tried[trials.best]
+    v = one.heights[int(np.argmax(one.evidence))] ** 2
+    surface = (one.waves @ (v * one.pull / (1.0 + v * one.known))).reshape(trials.side, -1)
+    first, second = np.gradient(surface)
+    return 0.5 * float(np.arctan2(2.0 * np.sum(first * second), np.sum(first**2 - second**2)))
 
 
 def _bows(normal: FloatMap, right: FloatMap, side: int, rigid: FloatMap) -> Bows:
@@ -251,10 +355,39 @@ def _bows(normal: FloatMap, right: FloatMap, side: int, rigid: FloatMap) -> Bows
     return Bows(forms @ turn[:, seen] / np.sqrt(size[seen]), normal, right)
 
 
-def _root(side: int, length: float) -> FloatMap:
+def _smooth(apart: FloatMap) -> FloatMap:
+    """How much coefficients have in common, by their distance in lengths of form."""
+    return np.asarray(np.exp(-0.5 * apart**2))
+
+
+def _kinked(apart: FloatMap) -> FloatMap:
+    """The same of forms whose slope may jump (Matérn with ν = 3/2; Rasmussen & Williams, ch. 4)."""
+    far = np.sqrt(3.0) * np.abs(apart)
+    return np.asarray((1.0 + far) * np.exp(-far))
+
+
+KINDS = ((_smooth, _smooth), (_kinked, _kinked), (_kinked, _smooth))
+"""Kinds of form across and along their direction: waves, dents, and ridges with an edge."""
+
+
+def _root(side: int, length: float, alike: Alike = _smooth) -> FloatMap:
     """Independent parts of the coefficients along one side, (side, r)."""
     at = np.arange(side) / (side - 3)
-    size, turn = np.linalg.eigh(np.exp(-0.5 * ((at[:, None] - at) / length) ** 2))
+    size, turn = np.linalg.eigh(alike((at[:, None] - at) / length))
+    kept = size > NEGLIGIBLE * size[-1]
+    return np.asarray(turn[:, kept] * np.sqrt(size[kept]))
+
+
+def _slanted(
+    side: int, lengths: Sequence[float], slant: float, alike: tuple[Alike, Alike]
+) -> FloatMap:
+    """Independent parts of the coefficients for lengths along and across a direction, (p, r)."""
+    at = np.arange(side) / (side - 3)
+    first, second = (one.ravel() for one in np.meshgrid(at, at, indexing="ij"))
+    along = (np.cos(slant) * first + np.sin(slant) * second) / lengths[0]
+    across = (np.cos(slant) * second - np.sin(slant) * first) / lengths[1]
+    common = alike[0](along[:, None] - along) * alike[1](across[:, None] - across)
+    size, turn = np.linalg.eigh(common)
     kept = size > NEGLIGIBLE * size[-1]
     return np.asarray(turn[:, kept] * np.sqrt(size[kept]))
 

@@ -55,8 +55,6 @@ FLAT = 1e-6
 DEGREE = 3
 """Degree of the polynomial through errors of the calibration, which are known in cells: a change
 over a third of the area."""
-
-
 AtRest = Callable[[NDArray[np.intp], FloatMap], FloatMap]
 """Distances of some points (m,) from their model after the motion that suits them, from those at
 the measured place, (m,), mm."""
@@ -251,7 +249,7 @@ def median_skin(one: AreaPoints, other: AreaPoints) -> Skin:
     parts = sum(share[:, None] * side.parts for side, share in sides)
     own = np.column_stack([share[:, None] * side.own for side, share in sides])
     foot = 0.5 * (first.foot + opposite)
-    found = Skin(
+    return Skin(
         Body("plane", foot[seen].mean(axis=0), n),
         foot[seen],
         np.broadcast_to(n, foot[seen].shape),
@@ -263,14 +261,12 @@ def median_skin(one: AreaPoints, other: AreaPoints) -> Skin:
         first.weight[seen],
         first.line[seen],
     )
-    return found
 
 
 def _plane_skin(part: AreaPoints, body: Body, at: FloatMap) -> Skin:
     """The surface of a plane at points near it."""
-    chart = chart_of(body, body.direction, None)
-    normals = body.normals(part.points)
-    return _skin(part, chart, normals, body.distances(part.points), None, at)
+    normals, distance = body.normals(part.points), body.distances(part.points)
+    return _skin(part, chart_of(body, body.direction, None), normals, distance, None, at)
 
 
 def _pitch(points: FloatMap) -> float:
@@ -326,18 +322,19 @@ def _skin(
     feet = part.points - distance[:, None] * normals
     at = unit if points is None else (chart.places(points) - low) / span
     number: FloatMap = np.zeros(len(at))
-    value: FloatMap
     weight: FloatMap
-    unsure: Unsure
     if lines is not None or points is not None:
         if lines is not None:
             at, number = _on_lines(chart, lines, places[kept], low, span)
         pixel = kept[scipy.spatial.cKDTree(unit[kept]).query(at)[1]]
-        if lines is not None and not chart.exact:
-            number, pixel = _at_pixels(number, pixel)
-            at = unit[pixel]
-        unsure = Unsure(fitted.design(at), fitted.likely)
-        value, weight = fitted.at(at), np.ones(len(at))
+        own = lines is not None and not fitted.resolved
+        if lines is not None and (own or not chart.exact):
+            at = at if chart.exact else unit[pixel]  # a model has feet at pixels alone
+            number, pixel, at = _at_pixels(number, pixel, at)
+        # Beside edges no spline describes the surface: its pixels stand for themselves.
+        unsure = Unsure(sigma[pixel]) if own else Unsure(fitted.design(at), fitted.likely)
+        value = distance[pixel] if own else fitted.at(at)
+        weight = np.ones(len(at))
     elif fitted.resolved:
         pixel, weight = _chosen(chart, unit, fitted.at(unit), kept, rest, evenly=evenly)
         at, number = unit[pixel], number[pixel]
@@ -355,10 +352,12 @@ def _skin(
     return Skin(chart.body, foot, normal, value, (unsure,), *common, weight, number, across)
 
 
-def _at_pixels(number: FloatMap, pixel: NDArray[np.intp]) -> tuple[FloatMap, NDArray[np.intp]]:
-    """Each pixel of each line once: a model has feet at pixels alone."""
-    both = np.unique(np.stack((number, pixel)), axis=1)
-    return both[0], both[1].astype(np.intp)
+def _at_pixels(
+    number: FloatMap, pixel: NDArray[np.intp], at: FloatMap
+) -> tuple[FloatMap, NDArray[np.intp], FloatMap]:
+    """Each pixel of each line once."""
+    once = np.unique(np.stack((number, pixel)), axis=1, return_index=True)[1]
+    return number[once], pixel[once], at[once]
 
 
 def _across(chart: Chart, lines: Lines) -> FloatMap:

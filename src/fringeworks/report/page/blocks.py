@@ -26,6 +26,8 @@ class Head:
     """Names and texts; an empty text is a line to fill in by hand."""
     inspector: str | None = None
     """Who inspects, "" for a line to fill in; None where nobody signs."""
+    language: str = "en"
+    """Of the whole report, as in ISO 639."""
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from fringeworks.report.page.blocks import Head
+from fringeworks.report.page.language import Say
 from fringeworks.report.page.typeset import (
     BODY,
     INK,
@@ -15,7 +16,7 @@ from fringeworks.report.page.typeset import (
     width_mm,
     wrapped,
 )
-from fringeworks.types.report_head import HEAD_FIELDS, checked_head
+from fringeworks.types.report_head import ENGLISH, HEAD_FIELDS, checked_head
 
 ROW_MM = 6.0
 """Height of a row of fields, mm: a written line needs 5."""
@@ -45,18 +46,19 @@ def head_of(given: Mapping[str, str], usual: Sequence[str], *, judged: bool) -> 
     """
     fields = checked_head(given)
     signed = judged and bool(usual)
+    language = fields.pop("language", ENGLISH)
     names = [n for n in HEAD_FIELDS if n in fields or (signed and n in usual)]
     if signed:
         names = [n for n in names if n != "inspector"]
-    if not names:
+    if not names and language == ENGLISH:
         return None
     rows = tuple((HEAD_FIELDS[n], fields.get(n, "")) for n in names)
-    return Head(rows, fields.get("inspector", "") if signed else None)
+    return Head(rows, fields.get("inspector", "") if signed else None, language)
 
 
-def head_boxes(head: Head | None, width: float) -> list[Box]:
+def head_boxes(head: Head | None, width: float, say: Say) -> list[Box]:
     """The head on paper: two fields side by side, then the lines to sign on."""
-    if head is None:
+    if head is None or not head.rows:
         return []
     half = 0.5 * (width - GUTTER_MM)
     name_mm = max(width_mm(name, LABEL) for name, _ in head.rows) + 3.0
@@ -67,7 +69,7 @@ def head_boxes(head: Head | None, width: float) -> list[Box]:
     if head.inspector is not None:
         third = (width - 2 * GUTTER_MM) / 3.0
         for who, name in (("inspected by", head.inspector), ("approved by", "")):
-            fields = ((who, name), ("date", ""), ("signature", ""))
+            fields = ((say(who), name), (say("date"), ""), (say("signature"), ""))
             cells = [
                 (i * (third + GUTTER_MM), third, width_mm(field[0], LABEL) + 3.0)
                 for i, field in enumerate(fields)

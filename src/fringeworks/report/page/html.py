@@ -16,6 +16,7 @@ from jinja2 import Environment, StrictUndefined
 
 from fringeworks.report.drawing import AxesImage, rc_context
 from fringeworks.report.page.blocks import Block, Chapter, Head, Picture, Surface, Table
+from fringeworks.report.page.language import spoken
 from fringeworks.report.page.set_table import SHORT_CELL
 from fringeworks.report.verdicts import Verdict
 from fringeworks.report.viewer.page import (
@@ -28,6 +29,7 @@ from fringeworks.report.viewer.page import (
     viewer_style,
 )
 from fringeworks.types import Provenance, day
+from fringeworks.types.report_head import ENGLISH
 
 MOST_VIEWERS = 12
 """Surfaces of a page that can be turned: browsers allow 16 WebGL contexts in a page."""
@@ -102,6 +104,8 @@ def page_html(
         notes=notes,
         verdict=verdict,
         head=head,
+        say=spoken(head),
+        language=ENGLISH if head is None else head.language,
         style=style,
         script=script,
         policy=policy,

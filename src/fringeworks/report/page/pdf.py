@@ -25,6 +25,7 @@ from fringeworks.report.page.blocks import (
     Text,
 )
 from fringeworks.report.page.head import head_boxes
+from fringeworks.report.page.language import Say, spoken
 from fringeworks.report.page.pages import Pages, paper_mm
 from fringeworks.report.page.set_table import set_table
 from fringeworks.report.page.typeset import (
@@ -37,13 +38,15 @@ from fringeworks.report.page.typeset import (
     VERDICT,
     Box,
     Sheet,
+    has_letters,
     paragraph,
     together,
     width_mm,
     wrapped,
 )
 from fringeworks.report.verdicts import VERDICT_INK, Verdict
-from fringeworks.types import Provenance, day
+from fringeworks.types import InputError, Provenance, day
+from fringeworks.types.report_head import LETTERS
 
 PDF_SETTINGS: Any = {"pdf.fonttype": 42, "pdf.use14corefonts": False}
 """Settings of every PDF: TrueType fonts are embedded (Type 42), as publishers ask for."""
@@ -76,7 +79,13 @@ def write_pdf(
     paper: str = USUAL_PAPER,
     head: Head | None = None,
 ) -> Path:
-    """Write chapters as a PDF, whole or not at all."""
+    """Write chapters as a PDF, whole or not at all.
+
+    Raises
+    ------
+    InputError for a language whose letters no installed typeface has.
+    """
+    check_typeface(head)
     # Dates would make every file differ from the last.
     metadata = {"Title": title, "Subject": json_line(origin), "CreationDate": None}
     with (
@@ -84,10 +93,22 @@ def write_pdf(
         replacing(path) as temporary,
         Pages(temporary, metadata, paper_mm(paper), title) as pages,
     ):
-        writer = _Writer(pages.room_mm)
-        top = [*_top(writer, title, origin, notes, verdict), *head_boxes(head, pages.room_mm[0])]
+        say = spoken(head)
+        writer = _Writer(pages.room_mm, say)
+        fields = head_boxes(head, pages.room_mm[0], say)
+        top = [*_top(writer, title, origin, notes, verdict), *fields]
         pages.fill(itertools.chain(top, _boxes(writer, title, chapters)))
     return path
+
+
+def check_typeface(head: Head | None) -> None:
+    """Refuse a language whose letters no installed typeface has."""
+    code = "" if head is None else head.language
+    if code in LETTERS and not has_letters(LETTERS[code]):
+        raise InputError(
+            f"head: expected a typeface for a PDF in the language {code}, got none: install one "
+            "such as Noto Sans CJK, or write the report as a page (.html)"
+        )
 
 
 @dataclass(frozen=True)
@@ -96,6 +117,8 @@ class _Writer:
 
     room: tuple[float, float]
     """Width and height of a page's text, mm."""
+    say: Say
+    """Gives words in the language of the document."""
 
     def block(self, block: Block) -> list[Box]:
         """The boxes of a block that is no picture."""
@@ -103,7 +126,7 @@ class _Writer:
         if isinstance(block, Facts):
             return self.facts(block.rows)
         if isinstance(block, Origin):
-            head = paragraph("How to compute it again", STRONG, width, before=GAP_MM)
+            head = paragraph(self.say("How to compute it again"), STRONG, width, before=GAP_MM)
             first, *others = self.facts(block.rows, small=True)
             return [*together([*head, first]), *others]
         if isinstance(block, Table):
@@ -131,7 +154,7 @@ class _Writer:
             head = f"{kind[:1].upper()}{kind[1:]} ({severity}): {seen}"
             lines = paragraph(head, BODY, self.room[0], before=GAP_MM, indent=3.0)
             for name, words in (("Likely cause", causes), ("What to do", advice)):
-                text = f"{name}: {words}."
+                text = f"{self.say(name)}: {words}."
                 lines += paragraph(text, LABEL, self.room[0], indent=3.0) if words else []
             boxes += together(lines)
         if block.hidden:

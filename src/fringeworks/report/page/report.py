@@ -18,6 +18,7 @@ from fringeworks.report.page.both import compared
 from fringeworks.report.page.chapter import Context, chapter_of
 from fringeworks.report.page.head import head_of
 from fringeworks.report.page.html import page_html
+from fringeworks.report.page.language import said_chapters, said_head, said_verdict, spoken
 from fringeworks.report.page.pages import paper_mm
 from fringeworks.report.page.pdf import write_pdf
 from fringeworks.report.page.surfaces import comparable
@@ -81,8 +82,9 @@ def write_report(
         Paper of a PDF: ``A4`` or ``letter``.
     head : mapping, optional
         Fields of the head: customer, order, part, part_number, serial, drawing, revision, device,
-        inspector. They add to those of the recipe of an inspection. A report with a verdict has
-        lines for fields that are not given, and for dates and signatures.
+        inspector, and the report's language (en, de, zh, ja). They add to those of the recipe of an
+        inspection. A report with a verdict has lines for fields that are not given, and for dates
+        and signatures.
 
     Returns
     -------
@@ -160,7 +162,9 @@ def write_page(
     """Write chapters as a page or, for a name that ends with ``.pdf``, as a document."""
     need_plots("a report")
     check_report_target(path)
-    place = Path(path)
+    place, say = Path(path), spoken(head)
+    chapters, verdict = said_chapters(chapters, say), said_verdict(verdict, say)
+    head = said_head(head, say)
     if place.suffix.lower() == ".pdf":
         return write_pdf(place, title, chapters, origin, notes, verdict, paper, head)
     page = page_html(title, chapters, origin, notes=notes, verdict=verdict, head=head)

@@ -4,13 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 from fringeworks.report.drawing import Figure, FontProperties
 
 FAMILY = "DejaVu Sans"
 """Typeface of all text: it comes with Matplotlib, so that every machine sets the same pages."""
+FURTHER = (
+    "Noto Sans CJK SC",
+    "Noto Sans CJK JP",
+    "Source Han Sans SC",
+    "Source Han Sans JP",
+    "Noto Sans SC",
+    "Noto Sans JP",
+    "Microsoft YaHei",
+    "SimHei",
+    "PingFang SC",
+    "Hiragino Sans",
+    "Yu Gothic",
+    "MS Gothic",
+    "WenQuanYi Micro Hei",
+    "WenQuanYi Zen Hei",
+    "IPAexGothic",
+    "Droid Sans Fallback",
+)
+"""Typefaces with Chinese and Japanese letters that systems bring. Those that are installed set what
+the first one lacks, also names of parts and customers in other languages."""
 POINT_MM = 25.4 / 72.0
 """A point, mm."""
 LEADING = 1.35
@@ -115,8 +135,26 @@ class Box:
     """The same smaller, by a factor below 1: of figures, where few lines would fill a last page."""
 
 
+@cache
+def typefaces() -> tuple[str, ...]:
+    """Return the typeface of all text, and those that are installed for letters it lacks."""
+    from matplotlib.font_manager import fontManager
+
+    installed = {one.name for one in fontManager.ttflist}
+    return FAMILY, *(name for name in FURTHER if name in installed)
+
+
+def has_letters(letters: str) -> bool:
+    """Whether a typeface is there for each of some letters."""
+    from matplotlib.font_manager import findfont, get_font
+
+    fonts = [get_font(findfont(FontProperties(family=name))) for name in typefaces()]
+    return all(any(ord(one) in font.get_charmap() for font in fonts) for one in letters)
+
+
 def _font(kind: Type) -> FontProperties:
-    return FontProperties(family=FAMILY, size=kind.points, weight="bold" if kind.bold else "normal")
+    weight = "bold" if kind.bold else "normal"
+    return FontProperties(family=list(typefaces()), size=kind.points, weight=weight)
 
 
 @lru_cache(maxsize=20_000)

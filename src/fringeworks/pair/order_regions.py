@@ -93,7 +93,9 @@ def continuity(prepared: PreparedPair, u_px: FloatMap) -> NDArray[np.float32]:
     side = max(5, round(PATCH * prepared.period) | 1)
     seen_mean, light_mean = box_mean(seen, side), box_mean(light, side)
     both = box_mean(seen * light, side) - seen_mean * light_mean
-    power = np.maximum(box_mean(light * light, side) - light_mean**2, np.finfo(float).tiny)
+    # Where the frames are even, as beside what was measured, rounding alone is left of them.
+    rounding = np.finfo(float).eps * float(np.max(np.abs(light), initial=1.0)) ** 2
+    power = np.maximum(box_mean(light * light, side) - light_mean**2, rounding)
     gain = np.maximum(both, 0.0) / power
     left = box_mean(seen * seen, side) - seen_mean**2 - gain * (2.0 * both - gain * power)
     usual = prepared.noise[0] + (MODEL_SHARE * prepared.modulation) ** 2

@@ -220,3 +220,11 @@ def test_findings_are_data():
     assert flicker.figures["largest_light_change"] > 0
     one = np.nanmean(np.abs(found.x.coordinate_px - X) < found.x.sigma_px)
     assert 0.6 < one < 0.95
+
+
+@pytest.mark.parametrize("condition", ["noise-1", "noise-2", "mixed-pixels"])
+def test_fringes_alone_do_not_tell_the_size_of_the_projector(condition):
+    """Fewer fringe orders leave fewer to confuse: correct frames were told to be of 768 columns."""
+    outcome = run(condition, PLANS["number-theoretic"], "plane", 7)
+    assert not outcome.refused
+    assert harmless(outcome)

@@ -256,7 +256,8 @@ def _of_projector(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]
         if across:
             words = "the patterns along x and y are exchanged in the plan"
             yield filled(replace(plan, blocks=blocks), plan.frames, "axis", words)
-        elif width != height:
+        elif width != height and any(isinstance(block, GrayCode) for block in blocks):
+            # Fringes are the same for any size: a smaller one only has fewer orders to confuse.
             words = (
                 f"width and height of the projector are exchanged in the plan ({height} columns "
                 f"and {width} rows fit)"

@@ -175,10 +175,10 @@ def with_offsets(decoding: Decoding, planes: list[NDArray[Any]], known: Known) -
     found = _tried(decoding, planes, known, every)
     if found is decoding:
         return decoding
-    tried = [
-        _tried(decoding, planes, known, [j for j in every if j != k]) for k in every[1:] and every
-    ]
-    return min((decoding, found, *tried), key=lambda one: _misfit(one, planes, known))
+    # Of a single set, the decoding without any offset is all that is left to compare.
+    fewer = [[j for j in every if j != k] for k in every if len(every) > 1]
+    tried = [decoding, found, *(_tried(decoding, planes, known, sets) for sets in fewer)]
+    return min(tried, key=lambda one: _misfit(one, planes, known))
 
 
 def _tried(

@@ -114,12 +114,11 @@ class _Pixels:
 
     @property
     def usual(self) -> FloatMap:
-        """(6 M,): standard deviations of m, μ and κ before anything was seen."""
+        """(6 M,): standard deviations of m, μ and κ before anything was seen: each of them adds the
+        usual share of the background."""
         background = median(self.background)
-        of_sets = [
-            (background, 1.0, background / counts) for counts in map(median, self.modulation)
-        ]
-        return STEP_RIPPLE_RAD * np.repeat(np.array(of_sets).ravel(), 2)
+        ratios = [background / counts for counts in map(median, self.modulation)]
+        return STEP_RIPPLE_RAD * np.repeat(ratios, TERMS) * self.fringe
 
     def ripple(self, k: int, steps: int) -> FloatMap:
         """(4, n): what steps that are off and a response that is not linear make of a phase."""

@@ -35,6 +35,11 @@ STATUS_SUCCESS = 0
 """Status of a buffer whose frame is complete (ArvBufferStatus)."""
 AUTO_OFF = 0
 """Automatic exposure and gain off (ArvAuto)."""
+ORDINARY_SOCKET = 1
+"""Option of a GigE camera's stream (ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED). For
+administrators alone, the library would read packets from a raw socket that takes three times as
+long to set up; once, the first packets of a first frame were missing there. With this option all
+users have the same socket, which is open before the stream starts."""
 SILENT_S = 1.0
 """Time without a frame after which a camera is asked whether it is still there, s: long enough for
 usual exposures, and short beside the 3 s that it takes to learn that nobody answers."""
@@ -291,9 +296,13 @@ class GenicamCamera(Coloured, Closing):
         except DeviceProblem as error:
             raise DeviceProblem(f"{self._name}: {_reason(error)}") from error
 
+    def _is_on_network(self) -> bool:
+        """Whether it is a camera of GigE Vision."""
+        return bool(self._aravis.plain("arv_camera_is_gv_device", c.c_int, (HANDLE, self._camera)))
+
     def _is_ours(self) -> bool:
         """Whether a network camera takes orders from us; others cannot be opened twice."""
-        if not self._aravis.plain("arv_camera_is_gv_device", c.c_int, (HANDLE, self._camera)):
+        if not self._is_on_network():
             return True
         device = self._aravis.plain("arv_camera_get_device", HANDLE, (HANDLE, self._camera))
         return bool(self._aravis.plain("arv_gv_device_is_controller", c.c_int, (HANDLE, device)))
@@ -332,6 +341,13 @@ class GenicamCamera(Coloured, Closing):
             return
         self._used = self._read_back()
         payload = self._call("get_payload", c.c_uint)
+        if self._is_on_network():
+            self._aravis.plain(
+                "arv_camera_gv_set_stream_options",
+                None,
+                (HANDLE, self._camera),
+                (c.c_int, ORDINARY_SOCKET),
+            )
         self._stream = self._call("create_stream", HANDLE, (c.c_void_p, None), (c.c_void_p, None))
         if not self._stream:
             raise DeviceProblem(f"{self.name}: expected a stream of frames, got none")

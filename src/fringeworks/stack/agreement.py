@@ -129,6 +129,15 @@ def _log1p(ratio: FloatMap) -> FloatMap:
     return np.asarray(np.log((1.0 + ratio).astype(np.float32, copy=False)))
 
 
+def _back(plane: NDArray[Any], moved_px: float) -> NDArray[Any]:
+    """Lines of an image that moved along them by a distance, as they were before."""
+    whole, share = int(np.floor(moved_px)), np.float32(moved_px % 1.0)
+    if not share:
+        return np.roll(plane, -whole, axis=1)
+    near, far = (np.roll(_finite(plane), -whole - k, axis=1) for k in (0, 1))
+    return np.asarray(near + share * (far - near))
+
+
 def _three(pixels: BoolMap) -> BoolMap:
     """Pixels of lines that are marked like both of their neighbours, (r, l − 2)."""
     return np.asarray(pixels[:, 2:] & pixels[:, 1:-1] & pixels[:, :-2])
@@ -539,8 +548,9 @@ class LineEvidence:
         if place is None:
             return None
         plane = self.lines[place]
-        if order.moved_px and place >= order.since:
-            plane = np.roll(plane, -order.moved_px, axis=1)
+        moves = order.moves_px.get(self.decoding.axis)
+        if moves is not None:
+            plane = _back(plane, moves[place])
         if order.exposure is not None and place == order.exposure[0]:
             plane = plane / order.exposure[1]
         return plane

@@ -50,7 +50,7 @@ from fringeworks.stack.neighbours import (
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.order_words import in_words_of
 from fringeworks.stack.refine import MOST_SPREAD_TURNS, Refined
-from fringeworks.stack.refusal import saturation_first, without_lacking_axes
+from fringeworks.stack.refusal import causes_first, without_lacking_axes
 from fringeworks.stack.region_orders import Regions, decide_by_regions, regions_of
 from fringeworks.stack.room_light import evened
 from fringeworks.stack.sample import take_sample
@@ -195,7 +195,7 @@ def decode(
             keep_blur=keep_blur,
             out=out,
         )
-        with saturation_first(findings.findings):
+        with causes_first(findings.findings):
             return without_lacking_axes(decoded, findings.axes)
 
 

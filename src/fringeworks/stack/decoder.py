@@ -27,7 +27,7 @@ from fringeworks.stack.frames import Planes, check_frames, readable
 from fringeworks.stack.gray_light import plan_with_light, with_light
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.order_words import in_words_of
-from fringeworks.stack.refusal import leave_out, saturation_first, without_lacking_axes
+from fringeworks.stack.refusal import causes_first, leave_out, without_lacking_axes
 from fringeworks.types import (
     MOST_PX,
     Axis,
@@ -343,7 +343,7 @@ class Decoder:
         )
         judged = self._since == 0
         if judged:
-            with saturation_first(self._found.findings):
+            with causes_first(self._found.findings):
                 self._decoded = without_lacking_axes(self._decoded, self._found.axes)
             left_out = {f.axis for f in self._decoded.findings if f.kind == LEFT_OUT}
             if left_out != self._left_out:

@@ -23,7 +23,7 @@ from fringeworks.stack.order_faults import refuse_order_faults, refuse_unrelated
 from fringeworks.stack.other_patterns import other_exposures
 from fringeworks.stack.real_frames import RealFrames, design_rows, fit_frames, real_step_errors
 from fringeworks.stack.refine import RIPPLE_FACTOR, Refined, refined
-from fringeworks.stack.refusal import saturation_first
+from fringeworks.stack.refusal import causes_first
 from fringeworks.stack.ripple_removal import without_ripples
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.saturation import known_limits, saturation_level
@@ -159,7 +159,7 @@ def examine(
     known = Known(rough, limits, estimate_steps)
     told = unknown.given or limits.saturation == unknown.saturation
     findings = [*words.saturated(sample.points, limits, rough, plan.labels(), told)]
-    with saturation_first(findings):
+    with causes_first(findings):
         decodings = _ordered(plan, sample, decodings, known, findings, moves=moves)
         planned = decodings
         decodings = _with_real_frames(decodings, sample, limits, steps=estimate_steps)
@@ -458,21 +458,23 @@ def _check_order(
     where no fault explains that, the frames are judged without it.
     """
     planned = _evidence(decodings, sample, known.noise, known.limits)
-    suspicious = refuse_order_faults(plan, planned, moves=moves)
-    findings = [
+    doubt = refuse_order_faults(plan, planned, moves=moves)
+    findings = [words.moving_scene(doubt.moving)] if doubt.moving else []
+    findings += [
         words.flat(phases, axis)
         for axis, found in planned.items()
         for phases in found.decoding.sets
         if found.flat(phases)
     ]
-    if not suspicious:
+    if not doubt.suspicious:
         return findings
     findings += other_exposures(plan, planned)
     if known.estimate_steps:
         decodings = {
             axis: _straight(decoding, sample, known) for axis, decoding in decodings.items()
         }
-    refuse_unrelated(_evidence(decodings, sample, known.noise, known.limits))
+    with causes_first(findings):
+        refuse_unrelated(_evidence(decodings, sample, known.noise, known.limits))
     return findings
 
 

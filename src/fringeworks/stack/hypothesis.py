@@ -30,10 +30,8 @@ class Hypothesis:
     """Number of conventions that differ from the plan's, for an order of another program."""
     exchanged: bool = False
     """Whether columns and rows change places."""
-    since: int = 0
-    """First frame of the stack that sees the scene moved."""
-    moved_px: int = 0
-    """Shift of the image since then along the lines, camera px."""
+    moves_px: Mapping[Axis, tuple[float, ...]] = field(default_factory=dict, compare=False)
+    """Shift of the image along the lines of an axis in every frame of the stack, camera px."""
     exposure: tuple[int, float] | None = None
     """A frame of the stack whose exposure is another, and how many times that of the others."""
     explained: float = field(default=0.0, compare=False)

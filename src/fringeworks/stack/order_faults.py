@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain, combinations
 
 import numpy as np
 
 from fringeworks.patterns.plan import Block, GrayCode, PatternPlan, PhaseSteps, Uniform
 from fringeworks.stack.agreement import DARK, SAME, UNEXPLAINED, LineEvidence
+from fringeworks.stack.explanations import (
+    CONSISTENT,
+    EXPLAINED,
+    FITS,
+    MAX_NAMED,
+    MOVES,
+    Explanation,
+    best_first,
+    in_words,
+    near,
+    unfit,
+    with_one_start,
+    with_own_axes,
+)
 from fringeworks.stack.hypothesis import Hypothesis, changed, decoding_under, lagged
+from fringeworks.stack.moving_scene import moving
 from fringeworks.stack.other_orders import orders_of_other_programs
 from fringeworks.stack.other_patterns import (
     AGAINST,
@@ -23,7 +38,8 @@ from fringeworks.stack.other_patterns import (
     late_rows,
     other_patterns,
 )
-from fringeworks.stack.words import flat_in_words
+from fringeworks.stack.refusal import causes_first
+from fringeworks.stack.words import flat_in_words, moving_scene
 from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import Axis, FloatMap, FramesContradictPlan
 
@@ -34,48 +50,21 @@ image may move between two blocks; the likeliest first."""
 WORTH = 0.1
 """Smallest gain of faults that leave most coordinates nearly right, as a share of the pixels."""
 
-SMOOTH = ("moved", "start", "band")
+
+SMOOTH = ("moved", MOVES, "start", "band")
 """Kinds of these faults: a scene that moved, steps with an unusual start, and bands of rows."""
 
 AGAINST_UNSEEN = 0.5
 """The same for orders in which no frame shows a pattern: a bit that is tried dark and bright
 costs all pixels a little."""
 
-FITS = 0.6
-"""Largest mean cost of an order that explains the frames; unrelated frames have 1 or more."""
 
 CHANGED = 0.02
 """Difference of the costs of a vote from which on a hypothesis changes it."""
 
-EXPLAINED = 0.5
-"""Smallest share that a fault explains of the cost of the votes that it changes. True ones explain
-0.65 to 1 in simulations; what right captures leave to chance, such as another number of bits, a
-third."""
-
-COUNT_EXPLAINED = 0.75
-"""The same for another number of steps. A scene that moves by the same distance from frame to frame
-looks like one, by 0.57."""
-
-LEAST_EXPLAINED = 0.15
-"""Smallest share of all that contradicts the plan, for faults that concern all votes, and for what
-is named as the nearest fault of frames that the plan does not fit. Signs of all sets that a right
-capture leaves open change it by 0.01 to 0.03, at the ends of the range."""
-
-OF_ALL = ("set", "sets")
-"""Kinds of faults that concern all votes: other signs and starts of steps."""
-
-CONSISTENT = (*OF_ALL, "empty")
-"""Kinds of causes that motion from frame to frame does not look like: other signs and starts, and
-frames without a pattern."""
-
-EQUALLY_GOOD = 0.05
-"""Share of the gain up to which two orders count as equally good. Blur and noise make less."""
 
 REPEATED = 0.3
 """Share of the difference of two patterns that blur leaves."""
-
-MAX_NAMED = 3
-"""At most this many orders of one kind are named."""
 
 
 MANY = 20
@@ -93,15 +82,18 @@ AGAINST_ONE = 0.1
 or stay as they are. Dark bits of simulated captures lose 0.04; a dark one that the scene does not
 change, 0.25 or more, because a response that is not linear makes its orders rough."""
 
-OWN_AXES = 0.5
-"""An order that exchanges the axes is not named where one that keeps them has more than this share
-of its gain. Where the axes are kept, that share is 0.6 or more in simulations."""
 
-PREFERRED = ("period", "steps", "", "sets", "set", "moved", "start")
-"""Kinds of explanations in the order in which equally good ones are named; "" stands for others."""
+@dataclass(frozen=True)
+class Doubt:
+    """What speaks against frames that are not refused."""
+
+    suspicious: bool = False
+    """Whether the frames look as if something were wrong, although no fault explains it."""
+    moving: str = ""
+    """How the camera or the scene moved, where that alone explains the frames."""
 
 
-def refuse_order_faults(plan: PatternPlan, evidence: Evidence, *, moves: bool = False) -> bool:
+def refuse_order_faults(plan: PatternPlan, evidence: Evidence, *, moves: bool = False) -> Doubt:
     """Refuse frames that contradict their plan, and name the likeliest fault.
 
     Parameters
@@ -114,8 +106,7 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence, *, moves: bool = 
 
     Returns
     -------
-    bool
-        Whether the frames look as if something were wrong, although no fault explains it.
+    Doubt
 
     Raises
     ------
@@ -139,19 +130,30 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence, *, moves: bool = 
         likely = _likely(plan, _hypotheses(plan, evidence, by_code), evidence)
         candidates = chain(likely, candidates)
     gains = [_gain(plan, h, evidence, planned) for h in candidates]
-    fitting = [one for one in gains if _near(one, planned)]
-    fitting = _with_own_axes(_with_one_start(fitting))
-    if fitting and not _told_by_code(fitting, evidence):
-        best = max(fitting, key=lambda one: one[0])
-        told = best[1].kind in CONSISTENT or best[1].explained > EXPLAINED
+    fitting = [one for one in gains if near(one, planned)]
+    if repeated:
+        # A last bit that repeats the one before is no code of one bit less.
+        fitting = [one for one in fitting if one[1].kind != "bits"]
+    fitting = with_own_axes(with_one_start(fitting))
+    best = best_first(fitting)[:1]
+    moving = "" if moves else next((h.words for _, h in best if h.kind == MOVES), "")
+    # Frames of a scene that moves may decode all the same.
+    if any(h.kind != MOVES for _, h in fitting) and not _told_by_code(fitting, evidence):
+        told = best[0][1].kind in CONSISTENT or best[0][1].explained > EXPLAINED
         if told or not moves:
-            raise FramesContradictPlan(_words(fitting, vague=not told) + (also and f"; {also}"))
+            raise FramesContradictPlan(in_words(fitting, vague=not told) + (also and f"; {also}"))
     if repeated:
         raise FramesContradictPlan(also)
-    for hypothesis in clear_conventions(plan, evidence, by_code):
-        raise FramesContradictPlan(_words([(0.0, hypothesis)]))
-    if not suspicious or not _unfit(planned):
-        return suspicious
+    with causes_first([moving_scene(moving)] if moving else []):
+        for hypothesis in clear_conventions(plan, evidence, by_code):
+            raise FramesContradictPlan(in_words([(0.0, hypothesis)]))
+        if suspicious and unfit(planned):
+            _refuse_unfit(plan, evidence)
+    return Doubt(suspicious, moving)
+
+
+def _refuse_unfit(plan: PatternPlan, evidence: Evidence) -> None:
+    """Refuse frames without a pattern at an end, and a Gray code alone, that no order explains."""
     if any(found.rough for found in evidence.values()):
         _refuse_dark_end(plan, evidence)
     if not any(plan.phase_sets(axis) for axis in plan.axes):
@@ -160,7 +162,6 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence, *, moves: bool = 
             "order of these frames fits; expected the bits of the plan in its order, of one scene "
             "at rest (likely the plan is another)"
         )
-    return True
 
 
 def _likely(
@@ -170,15 +171,7 @@ def _likely(
     if plan.frames < MANY:
         yield from candidates
         return
-    few = {
-        axis: replace(
-            found,
-            lines=tuple(np.ascontiguousarray(a[::FEW_LINES]) for a in found.lines),
-            _seen={},
-            _kept={},
-        )
-        for axis, found in evidence.items()
-    }
+    few = _few_lines(evidence)
     planned = _costs(plan, Hypothesis.of(plan), few)
     for h in candidates:
         if h.kind == "swapped":
@@ -191,9 +184,22 @@ def _likely(
         yield h
 
 
+def _few_lines(evidence: Evidence) -> Evidence:
+    """Some of the lines of every axis."""
+    return {
+        axis: replace(
+            found,
+            lines=tuple(np.ascontiguousarray(a[::FEW_LINES]) for a in found.lines),
+            _seen={},
+            _kept={},
+        )
+        for axis, found in evidence.items()
+    }
+
+
 def _gain(
     plan: PatternPlan, h: Hypothesis, evidence: Evidence, planned: Mapping[Axis, FloatMap]
-) -> tuple[float, Hypothesis]:
+) -> Explanation:
     """What a hypothesis gains over the plan; 0 where it does not explain the frames. And the
     hypothesis, with the share that it explains of the cost of the votes that it changes."""
     axes = h.band or evidence
@@ -226,51 +232,12 @@ def _patterns_for_light(h: Hypothesis, evidence: Evidence) -> int:
     return sum(k is not None and seen.shows_pattern(k) for k in places)
 
 
-def _told_by_code(found: list[tuple[float, Hypothesis]], evidence: Evidence) -> bool:
+def _told_by_code(found: list[Explanation], evidence: Evidence) -> bool:
     """Whether the best explanation is a projector of another size, which cells beyond it show: a
     finding names it, and the coordinates inside of it are right."""
     _, h = max(found, key=lambda one: one[0])
     codes = [found.decoding.gray for found in evidence.values()]
     return h.kind == "size" and any(gray is not None and gray.farthest_px > 0.0 for gray in codes)
-
-
-def _near(found: tuple[float, Hypothesis], planned: Mapping[Axis, FloatMap]) -> bool:
-    """Whether an explanation may be the cause: it explains most of what contradicts the plan where
-    it says anything else, or some of all where the plan does not fit. Rows of strong indirect
-    light, as at the crease of wall and floor, are rough under every order, and so is noise."""
-    gain, h = found
-    cost = float(sum(np.sum(part) for part in planned.values()))
-    some = gain > LEAST_EXPLAINED * cost
-    if gain > 0.0 and h.explained > (COUNT_EXPLAINED if h.kind == "count" else EXPLAINED):
-        return some or h.kind not in OF_ALL
-    return some and not h.band and h.kind != "count" and _unfit(planned)
-
-
-def _unfit(planned: Mapping[Axis, FloatMap]) -> bool:
-    """Whether the plan does not fit the frames at all."""
-    return float(np.mean(np.concatenate(list(planned.values())))) > FITS
-
-
-def _with_one_start(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, Hypothesis]]:
-    """The explanations without those by the start of a set of which several fit as well, if there
-    are others: such a set rather has other fringes than another start."""
-    gains: dict[str, list[float]] = {}
-    for gain, h in sorted(found, key=lambda one: -one[0]):
-        gains.setdefault(h.words.split("(")[0], []).append(gain)
-
-    def vague(h: Hypothesis) -> bool:
-        first, *others = gains[h.words.split("(")[0]]
-        return h.kind == "set" and max(others, default=0.0) > (1.0 - EQUALLY_GOOD) * first
-
-    return [(gain, h) for gain, h in found if not vague(h)] or found
-
-
-def _with_own_axes(found: list[tuple[float, Hypothesis]]) -> list[tuple[float, Hypothesis]]:
-    """The explanations without those that exchange columns and rows, where others fit: what
-    changes across the lines of an axis is smooth along them, and would cost nothing."""
-    own = [(gain, h) for gain, h in found if not h.exchanged]
-    best = [max((gain for gain, _ in which), default=0.0) for which in (own, found)]
-    return own if best[0] > OWN_AXES * best[1] else found
 
 
 def refuse_unrelated(evidence: Evidence) -> None:
@@ -285,7 +252,7 @@ def refuse_unrelated(evidence: Evidence) -> None:
             raise FramesContradictPlan(
                 f"frames along {axis}: {lines.unrelated}, and no order of these frames fits; "
                 "expected frames with the periods, steps and Gray-code cells of the plan, all of "
-                "one scene at rest (likely the plan is another)"
+                "one scene at rest (likely the plan is another, or something moved between frames)"
             )
 
 
@@ -332,38 +299,6 @@ def _alike(one: PatternPlan, other: PatternPlan, axis: Axis) -> bool:
     return parts[0] == parts[1] and one.length_px(axis) == other.length_px(axis)
 
 
-def _words(found: list[tuple[float, Hypothesis]], *, vague: bool = False) -> str:
-    found.sort(key=lambda f: -f[0])
-    best = found[0][0]
-    good = [h for gain, h in found if gain > best - max(FAR_BETTER, EQUALLY_GOOD * best)]
-    good = _simplest(good)
-    good.sort(key=lambda h: PREFERRED.index(h.kind if h.kind in PREFERRED else ""))
-    named: dict[str, list[str]] = {}
-    for h in good:
-        named.setdefault(h.kind, []).append(h.words)
-    causes = [" or ".join(list(dict.fromkeys(words))[:MAX_NAMED]) for words in named.values()]
-    first, also = causes[0], "".join(f", or {cause}" for cause in causes[1:])
-    if vague:
-        first = (
-            "the camera, the projector or the scene seems to have moved from frame to frame "
-            "(vibration), or the plan is another: no single fault explains most of what contradicts"
-            f" the plan. Nearest is that {first}"
-        )
-    return (
-        f"frames: {first}{also}, judging by how all frames agree; expected the frames of the plan "
-        "in its order, of one scene at rest" + "".join(dict.fromkeys(h.advice for h in good))
-    )
-
-
-def _simplest(good: list[Hypothesis]) -> list[Hypothesis]:
-    """Without orders of other programs that differ more from the plan's than others that fit as
-    well: codes of two axes may be exchanged and read from the other end."""
-    least = min((h.changes for h in good if h.changes), default=0)
-    if not least:
-        return good
-    return [h for h in good if h.changes in (0, least) and h.kind != "reversed"]
-
-
 def _hypotheses(
     plan: PatternPlan, evidence: Evidence, by_code: Conventions
 ) -> Iterator[Hypothesis]:
@@ -398,7 +333,9 @@ def _hypotheses(
     for first, block in plan.placed:
         for px in LAGS if first and block.frames > 1 else ():
             words = f"the camera or the scene moved by about {abs(px)} px before {labels[first]}"
-            yield Hypothesis(plan, every, "moved", words, since=first, moved_px=px)
+            shift = (0.0,) * first + (float(px),) * (plan.frames - first)
+            yield Hypothesis(plan, every, "moved", words, moves_px=dict.fromkeys(evidence, shift))
+    yield from moving(plan, evidence, _few_lines(evidence))
 
 
 def _same_light(evidence: Evidence, frame: int, other: int) -> bool:

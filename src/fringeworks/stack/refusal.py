@@ -25,7 +25,7 @@ from fringeworks.types import (
     sealed,
     unsealed,
 )
-from fringeworks.types.finding import LEFT_OUT
+from fringeworks.types.finding import LEFT_OUT, MOVING
 
 MIN_MEASURED = 0.02
 """Share of the pixels with fringes that must be measured, at least. The few that pass every test
@@ -34,20 +34,21 @@ ALL_DARK = 0.99
 """Share of pixels in shadow from which on no light of the projector is seen: noise alone makes a
 pixel look lit once in a hundred."""
 
+LIKE_OTHERS = ("saturated", MOVING)
+"""Kinds of findings whose cause makes frames look as under another fault; they are named first."""
+
 
 @contextmanager
-def saturation_first(findings: Sequence[Finding]) -> Iterator[None]:
-    """Add findings to the refusals of the block, and name saturation first where they warn of it.
-
-    What saturation leaves of the frames may look like another fault.
-    """
+def causes_first(findings: Sequence[Finding]) -> Iterator[None]:
+    """Add findings to the refusals of the block, and name those first that make frames look as
+    under another fault: saturation, and a scene that moves."""
     try:
         yield
     except InputError as error:
-        told = [f for f in findings if f.kind == "saturated" and f.rank]
-        if not told or str(error).startswith("saturated"):
+        told = [f for kind in LIKE_OTHERS for f in findings if f.kind == kind and f.rank]
+        if not told or str(error).startswith(LIKE_OTHERS):
             raise explained(error, findings) from None
-        message = f"saturated: {told[0].seen}; {told[0].advice}; besides, {error}"
+        message = f"{told[0].kind}: {told[0].seen}; {told[0].advice}; besides, {error}"
         raise type(error)(message, findings=(*findings, *error.findings)) from error
 
 

@@ -18,6 +18,7 @@ from fringeworks.stack.step_convention import Convention
 from fringeworks.stack.unmeasured import BEYOND_PROJECTOR, LARGE_SHARE
 from fringeworks.statistics.phase_errors import PhaseErrors
 from fringeworks.types import Axis, CameraNoise, Finding
+from fringeworks.types.finding import MOVING
 from fringeworks.types.numbers import percent
 
 OF_LIGHT = 2.0
@@ -291,6 +292,15 @@ def _turned_frames(moved: float, off_rad: NDArray[np.float64]) -> tuple[str, tup
     causes = causes if moved == 0.0 else causes[::2]
     advice = "check the patterns that are really shown and the mounts of the devices"
     return "steps", causes, advice
+
+
+def moving_scene(words: str) -> Finding:
+    """A camera or a scene that moves all the time, and frames that decode all the same."""
+    return Finding(
+        MOVING,
+        f"{words}, judging by how all frames agree",
+        advice="keep the scene and the devices at rest, or take the frames faster",
+    )
 
 
 def moved_pairs(axis: Axis, apart_px: float, pull_px: float) -> Finding:

@@ -25,6 +25,8 @@ Severity = Literal["note", "warning", "error"]
 
 LEFT_OUT = "axis left out"
 """Kind of the finding about an axis of which hardly a pixel can be measured."""
+MOVING = "moving scene"
+"""Kind of the finding about a camera or a scene that moves while the frames are taken."""
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from scipy import ndimage
 
 import fringeworks as fw
 from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
+from fringeworks.stack.explanations import near
 from fringeworks.stack.hypothesis import Hypothesis
-from fringeworks.stack.order_faults import _near
 from tests.bumps import COLUMN, COLUMNS, ROW, ROWS, SIZE, seen
 
 
@@ -63,8 +63,8 @@ def test_rows_that_are_rough_under_every_order_are_no_late_rows():
     rows = Hypothesis(plan, (1, 2, 3, 0), "band", band={"x": np.arange(1000) < 600})
     planned = {"x": np.full(1000, 1.4)}
     some, most = (replace(rows, explained=share) for share in (0.3, 0.6))
-    assert not _near((0.3 * 600 * 1.4, some), planned)
-    assert _near((0.6 * 600 * 1.4, most), planned)
+    assert not near((0.3 * 600 * 1.4, some), planned)
+    assert near((0.6 * 600 * 1.4, most), planned)
 
 
 def saturated(gain, plan):

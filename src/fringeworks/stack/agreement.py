@@ -14,7 +14,7 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.stack.bit_states import change_of, cost_of_states, folded, rough_bit
 from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.fits import SampleFit, fit_matrices, fit_samples, times
-from fringeworks.stack.hypothesis import Hypothesis
+from fringeworks.stack.hypothesis import Hypothesis, moved_back
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.line_profile import sharpest
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
@@ -127,15 +127,6 @@ def _finite(counts: NDArray[Any]) -> FloatMap:
 def _log1p(ratio: FloatMap) -> FloatMap:
     """ln(1 + ratio) to 1e-7, for ratios ≥ 0, in single precision."""
     return np.asarray(np.log((1.0 + ratio).astype(np.float32, copy=False)))
-
-
-def _back(plane: NDArray[Any], moved_px: float) -> NDArray[Any]:
-    """Lines of an image that moved along them by a distance, as they were before."""
-    whole, share = int(np.floor(moved_px)), np.float32(moved_px % 1.0)
-    if not share:
-        return np.roll(plane, -whole, axis=1)
-    near, far = (np.roll(_finite(plane), -whole - k, axis=1) for k in (0, 1))
-    return np.asarray(near + share * (far - near))
 
 
 def _three(pixels: BoolMap) -> BoolMap:
@@ -369,6 +360,11 @@ class LineEvidence:
             cost = planned - maps["gain"]
         return cost[self.triples] + UNEXPLAINED * self._unexplained(order)
 
+    def coordinate(self, order: Hypothesis) -> FloatMap | None:
+        """Coordinates by an order of the frames, (r, l), px; None where it cannot be decoded."""
+        options = self._planes(order, self.decoding)
+        return None if options is None else self._cost(self.decoding, options)[1]["coordinate"]
+
     def _cost(
         self, decoding: Decoding, options: list[list[NDArray[Any]]], change: float = 0.0
     ) -> tuple[FloatMap, dict[str, Any]]:
@@ -550,7 +546,7 @@ class LineEvidence:
         plane = self.lines[place]
         moves = order.moves_px.get(self.decoding.axis)
         if moves is not None:
-            plane = _back(plane, moves[place])
+            plane = moved_back(plane, moves[place])
         if order.exposure is not None and place == order.exposure[0]:
             plane = plane / order.exposure[1]
         return plane

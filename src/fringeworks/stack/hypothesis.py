@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import Block, PatternPlan
 from fringeworks.stack.kernel_settings import Decoding, decoding_of
@@ -86,3 +88,12 @@ def lagged(n: int, lag: int) -> tuple[Places, Places]:
     """Places of n frames that are late; the ends show the next scan, or no pattern."""
     within = tuple(k + lag if 0 <= k + lag < n else None for k in range(n))
     return tuple((k + lag) % n for k in range(n)), within
+
+
+def moved_back(plane: NDArray[Any], moved_px: float) -> NDArray[Any]:
+    """Lines of an image that moved along them by a distance, as they were before."""
+    whole, share = int(np.floor(moved_px)), np.float32(moved_px % 1.0)
+    if not share:
+        return np.roll(plane, -whole, axis=1)
+    near, far = (np.roll(plane.astype(np.float32), -whole - k, axis=1) for k in (0, 1))
+    return np.asarray(near + share * (far - near))

@@ -25,7 +25,7 @@ from fringeworks.stack.explanations import (
     with_own_axes,
 )
 from fringeworks.stack.hypothesis import Hypothesis, changed, decoding_under, lagged
-from fringeworks.stack.moving_scene import moving
+from fringeworks.stack.moving_scene import misled, moving
 from fringeworks.stack.other_orders import orders_of_other_programs
 from fringeworks.stack.other_patterns import (
     AGAINST,
@@ -51,7 +51,7 @@ WORTH = 0.1
 """Smallest gain of faults that leave most coordinates nearly right, as a share of the pixels."""
 
 
-SMOOTH = ("moved", MOVES, "start", "band")
+SMOOTH = ("moved", "start", "band")
 """Kinds of these faults: a scene that moved, steps with an unusual start, and bands of rows."""
 
 AGAINST_UNSEEN = 0.5
@@ -136,14 +136,16 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence, *, moves: bool = 
         fitting = [one for one in fitting if one[1].kind != "bits"]
     fitting = with_own_axes(with_one_start(fitting))
     best = best_first(fitting)[:1]
-    moving = "" if moves else next((h.words for _, h in best if h.kind == MOVES), "")
+    moved = next((h for _, h in best if h.kind == MOVES and not moves), None)
     # Frames of a scene that moves may decode all the same.
-    if any(h.kind != MOVES for _, h in fitting) and not _told_by_code(fitting, evidence):
+    named = any(h.kind != MOVES for _, h in fitting) or (moved and misled(evidence, moved))
+    if named and not _told_by_code(fitting, evidence):
         told = best[0][1].kind in CONSISTENT or best[0][1].explained > EXPLAINED
         if told or not moves:
             raise FramesContradictPlan(in_words(fitting, vague=not told) + (also and f"; {also}"))
     if repeated:
         raise FramesContradictPlan(also)
+    moving = moved.words if moved else ""
     with causes_first([moving_scene(moving)] if moving else []):
         for hypothesis in clear_conventions(plan, evidence, by_code):
             raise FramesContradictPlan(in_words([(0.0, hypothesis)]))

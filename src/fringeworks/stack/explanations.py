@@ -104,9 +104,10 @@ def in_words(found: list[Explanation], *, vague: bool = False) -> str:
     good = [h for gain, h in found if gain > best - max(FAR_BETTER, EQUALLY_GOOD * best)]
     good = _simplest(good)
     good.sort(key=lambda h: PREFERRED.index(h.kind if h.kind in PREFERRED else ""))
-    # Other steps than the plan's explain their frames better than any motion.
-    kind = found[0][1].kind
-    good.sort(key=lambda h: kind not in IN_MOTION or h.kind != kind)
+    # Motion comes first where it explains the frames better than other steps: of what contradicts
+    # the plan, and of the votes that it changes.
+    _, likeliest = max(found, key=lambda one: one[0] * one[1].explained)
+    good.sort(key=lambda h: likeliest.kind not in IN_MOTION or h.kind != likeliest.kind)
     named: dict[str, list[str]] = {}
     for h in good:
         named.setdefault(h.kind, []).append(h.words)

@@ -1,12 +1,12 @@
-"""Hypotheses about a camera or a scene that moves all the time while the frames are taken."""
+"""Hypotheses about a camera or a scene that moves, once or all the time, while frames are taken."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from fringeworks.patterns.plan import PatternPlan
+from fringeworks.patterns.plan import PatternPlan, Uniform
 from fringeworks.stack.agreement import JUMPS, LineEvidence
 from fringeworks.stack.hypothesis import Hypothesis, moved_back
 from fringeworks.types import Axis
@@ -17,6 +17,8 @@ SPEEDS_PX = tuple(0.1 * 1.25**k for k in range(16))
 or a fringe, which coordinates and standard deviations show."""
 FINER = (1.12, 1.06, 1.03)
 """Factors by which the best of them is then changed: places are right to a pixel over 20 frames."""
+BUMPS_PX = tuple(float(px) for px in (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16))
+"""Camera px by which the image may move between two blocks."""
 PATHS: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
     "steadily": lambda t: t,
     "ever faster": lambda t: t**2,
@@ -25,7 +27,7 @@ PATHS: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
 """Places along a path, from 0 to 1, by the time from 0 to 1: at one speed, from rest, and to it."""
 
 
-def moving(
+def moving_all_the_time(
     plan: PatternPlan, evidence: Mapping[Axis, LineEvidence], few: Mapping[Axis, LineEvidence]
 ) -> Iterator[Hypothesis]:
     """Paths of the image along the lines of each axis, each at the speed that fits best.
@@ -38,7 +40,8 @@ def moving(
     times = np.linspace(0.0, 1.0, frames)
     for word, path in PATHS.items():
         places = path(times) - float(np.mean(path(times)))
-        speeds = {axis: _speed(plan, found, places) for axis, found in few.items()}
+        places *= frames - 1
+        speeds = {axis: _fitting(plan, found, places, SPEEDS_PX) for axis, found in few.items()}
         size = float(np.hypot.reduce(list(speeds.values())))
         if size == 0.0:
             continue
@@ -46,26 +49,45 @@ def moving(
             f"the camera or the scene moved {word}, by about {number(size, 2)} px from frame to "
             "frame"
         )
-        moves = {axis: _moves(speed, places) for axis, speed in speeds.items()}
-        plain = Hypothesis.of(plan)
-        yield Hypothesis(plan, plain.places, "moving", words, moves_px=moves)
+        yield _along(plan, "moving", words, {axis: v * places for axis, v in speeds.items()})
 
 
-def _moves(speed_px: float, places: np.ndarray) -> tuple[float, ...]:
-    """Shift of the image in every frame at a mean speed, px."""
-    return tuple(speed_px * (len(places) - 1) * float(place) for place in places)
+def moved(
+    plan: PatternPlan, evidence: Mapping[Axis, LineEvidence], few: Mapping[Axis, LineEvidence]
+) -> Iterator[Hypothesis]:
+    """An image that moved between two blocks of patterns along the lines of each axis, by the
+    distance that fits best. ``few`` as for ``moving_all_the_time``."""
+    frames = len(next(iter(evidence.values())).lines)
+    patterns = [first for first, block in plan.placed if not isinstance(block, Uniform)]
+    for first in patterns[1:]:
+        after = (np.arange(frames) >= first).astype(float)
+        sizes = {axis: _fitting(plan, found, after, BUMPS_PX) for axis, found in few.items()}
+        size = float(np.hypot.reduce(list(sizes.values())))
+        words = (
+            f"the camera or the scene moved by about {number(size, 2)} px before "
+            f"{plan.labels()[first]}"
+        )
+        if size > 0.0:
+            yield _along(plan, "moved", words, {axis: px * after for axis, px in sizes.items()})
 
 
-def _speed(plan: PatternPlan, found: LineEvidence, places: np.ndarray) -> float:
-    """Mean speed along the lines with which the frames agree best, px per frame."""
-    axis, every = found.decoding.axis, Hypothesis.of(plan).places
+def _along(
+    plan: PatternPlan, kind: str, words: str, moves_px: Mapping[Axis, np.ndarray]
+) -> Hypothesis:
+    moves = {axis: tuple(float(px) for px in part) for axis, part in moves_px.items()}
+    return Hypothesis(plan, Hypothesis.of(plan).places, kind, words, moves_px=moves)
 
-    def cost(speed: float) -> float:
-        moves = {axis: _moves(speed, places)}
-        seen = found.cost(Hypothesis(plan, every, "moving", moves_px=moves))
+
+def _fitting(
+    plan: PatternPlan, found: LineEvidence, path: np.ndarray, sizes: Sequence[float]
+) -> float:
+    """Size of a path along the lines, of either sign, with which the frames agree best."""
+
+    def cost(size: float) -> float:
+        seen = found.cost(_along(plan, "moving", "", {found.decoding.axis: size * path}))
         return np.inf if seen is None or not seen.size else float(np.mean(seen))
 
-    tried = (0.0, *SPEEDS_PX, *(-speed for speed in SPEEDS_PX))
+    tried = (0.0, *sizes, *(-size for size in sizes))
     best, speed = min((cost(speed), speed) for speed in tried)
     for factor in FINER:
         best, speed = min((best, speed), *((cost(s), s) for s in (speed * factor, speed / factor)))

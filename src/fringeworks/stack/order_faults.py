@@ -25,7 +25,7 @@ from fringeworks.stack.explanations import (
     with_own_axes,
 )
 from fringeworks.stack.hypothesis import Hypothesis, changed, decoding_under, lagged
-from fringeworks.stack.moving_scene import misled, moving
+from fringeworks.stack.moving_scene import misled, moved, moving_all_the_time
 from fringeworks.stack.other_orders import orders_of_other_programs
 from fringeworks.stack.other_patterns import (
     AGAINST,
@@ -44,8 +44,7 @@ from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import Axis, FloatMap, FramesContradictPlan
 
 LAGS = (1, -1, 2, -2, 3, -3)
-"""Numbers of frames by which a whole stack may be late or early, and of camera px by which the
-image may move between two blocks; the likeliest first."""
+"""Numbers of frames by which a whole stack may be late or early; the likeliest first."""
 
 WORTH = 0.1
 """Smallest gain of faults that leave most coordinates nearly right, as a share of the pixels."""
@@ -136,16 +135,16 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence, *, moves: bool = 
         fitting = [one for one in fitting if one[1].kind != "bits"]
     fitting = with_own_axes(with_one_start(fitting))
     best = best_first(fitting)[:1]
-    moved = next((h for _, h in best if h.kind == MOVES and not moves), None)
+    drift = next((h for _, h in best if h.kind == MOVES and not moves), None)
     # Frames of a scene that moves may decode all the same.
-    named = any(h.kind != MOVES for _, h in fitting) or (moved and misled(evidence, moved))
+    named = any(h.kind != MOVES for _, h in fitting) or (drift and misled(evidence, drift))
     if named and not _told_by_code(fitting, evidence):
         told = best[0][1].kind in CONSISTENT or best[0][1].explained > EXPLAINED
         if told or not moves:
             raise FramesContradictPlan(in_words(fitting, vague=not told) + (also and f"; {also}"))
     if repeated:
         raise FramesContradictPlan(also)
-    moving = moved.words if moved else ""
+    moving = drift.words if drift else ""
     with causes_first([moving_scene(moving)] if moving else []):
         for hypothesis in clear_conventions(plan, evidence, by_code):
             raise FramesContradictPlan(in_words([(0.0, hypothesis)]))
@@ -332,12 +331,9 @@ def _hypotheses(
         words = f"frame {_no_pattern_in_words(', '.join(labels[k] for k in dark))}"
         unseen: list[int | None] = [None if k in dark else k for k in every]
         yield Hypothesis(plan, tuple(unseen), "empty", words)
-    for first, block in plan.placed:
-        for px in LAGS if first and block.frames > 1 else ():
-            words = f"the camera or the scene moved by about {abs(px)} px before {labels[first]}"
-            shift = (0.0,) * first + (float(px),) * (plan.frames - first)
-            yield Hypothesis(plan, every, "moved", words, moves_px=dict.fromkeys(evidence, shift))
-    yield from moving(plan, evidence, _few_lines(evidence))
+    few = _few_lines(evidence)
+    yield from moved(plan, evidence, few)
+    yield from moving_all_the_time(plan, evidence, few)
 
 
 def _same_light(evidence: Evidence, frame: int, other: int) -> bool:

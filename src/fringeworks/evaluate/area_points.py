@@ -77,6 +77,8 @@ class AreaPoints:
     still: FloatMap | float = field(default=0.0, kw_only=True)
     """Point that such an error does not move, (3,), mm; quantities of points alone do not depend
     on it."""
+    pixel: NDArray[np.intp] | None = field(default=None, kw_only=True)
+    """Row and column of each point, (n, 2): neighbours may share noise. None where unknown."""
     known: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
     """What was computed of these points, by its name; see ``once``."""
     computing: AbstractContextManager[Any] = field(
@@ -260,6 +262,7 @@ def area_points(
         _inner(surface, rows, columns),
         by_rig,
         scales=scales,
+        pixel=np.stack((rows, columns), axis=-1),
     )
 
 

@@ -17,6 +17,7 @@ from fringeworks.evaluate.quantities import PARALLEL_SINE, AreaDeviation
 from fringeworks.evaluate.shares import Share, Shares
 from fringeworks.evaluate.tolerances.association import associate
 from fringeworks.evaluate.tolerances.bodies import Body, Kind, everything, twists
+from fringeworks.evaluate.tolerances.neighbours import Neighbours, neighbours
 from fringeworks.evaluate.tolerances.outliers import outliers
 from fringeworks.evaluate.tolerances.settled import OnModel, Settled, measured_at, settled
 from fringeworks.evaluate.tolerances.smooth import Smooth, smooth
@@ -318,7 +319,7 @@ def _skin(
     unit = (places - low) / span
     sigma = _noise_along(part, normals)
     moves = _moves(part.points, normals)
-    fitted, kept = _fitted(unit, distance, sigma, inner, moves, stated=bool(part.noise.all()))
+    fitted, kept = _fitted(unit, distance, sigma, inner, moves, part)
     feet = part.points - distance[:, None] * normals
     at = unit if points is None else (chart.places(points) - low) / span
     number: FloatMap = np.zeros(len(at))
@@ -403,16 +404,26 @@ def _fitted(
     sigma: FloatMap,
     inner: NDArray[np.intp],
     moves: FloatMap,
-    *,
-    stated: bool,
+    part: AreaPoints,
 ) -> tuple[Smooth, NDArray[np.intp]]:
     """The smooth surface, and the points that it goes through: all but outliers."""
     variance = sigma**2 if sigma[inner].all() else np.ones(len(sigma))
     columns = np.column_stack((unit, distance, moves))
+    stated = bool(part.noise.all())
+    shared = _shared(part, distance, sigma, inner) if stated else None
 
     def fit(kept: NDArray[np.intp]) -> Smooth:
         means, left = _blocks(columns[kept], variance[kept])
-        return smooth(means[:, :2], means[:, 2], left, stated=stated, moves=means[:, 3:])
+        pixel = part.pixel[kept] if part.pixel is not None and len(means) == len(kept) else None
+        return smooth(
+            means[:, :2],
+            means[:, 2],
+            left,
+            stated=stated,
+            moves=means[:, 3:],
+            shared=shared,
+            pixel=pixel,
+        )
 
     def left_by(one: Smooth) -> FloatMap:
         return np.asarray((distance[inner] - one.at(unit[inner])) / np.sqrt(variance[inner]))
@@ -423,6 +434,15 @@ def _fitted(
         inner = inner[~wrong]
         found = fit(inner)
     return (replace(found, resolved=False) if together else found), inner
+
+
+def _shared(
+    part: AreaPoints, distance: FloatMap, sigma: FloatMap, inner: NDArray[np.intp]
+) -> Neighbours | None:
+    """The noise that neighbouring pixels share, where it can be told from form."""
+    if part.pixel is None:
+        return None
+    return neighbours(part.pixel[inner], distance[inner], sigma[inner])
 
 
 def _blocks(columns: FloatMap, variance: FloatMap) -> tuple[FloatMap, FloatMap]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -75,6 +75,26 @@ class Neighbours:
         shared = correlations(pixel, self.common)
         return np.asarray((design.T @ (shared @ design)).toarray())
 
+    def variance(self, pixel: NDArray[np.intp], weights: FloatMap) -> float:
+        """Return the variance of a sum of the noise of pixels, of variance 1 each, by weights."""
+        image = np.zeros(np.ptp(pixel, axis=0) + 1)
+        row, column = (pixel - pixel.min(axis=0)).T
+        image[row, column] = weights
+        around = scipy.signal.fftconvolve(image, self.common, mode="same")
+        return float(weights @ around[row, column])
+
+    def draw(self, pixel: NDArray[np.intp], random: np.random.Generator) -> FloatMap:
+        """Return noise of variance 1 at pixels, (n,)."""
+        shape = np.ptp(pixel, axis=0) + len(self.common)
+        far = len(self.common) // 2
+        common = np.zeros(shape)
+        common[: len(self.common), : len(self.common)] = self.common
+        common = np.roll(common, (-far, -far), (0, 1))
+        size = np.sqrt(np.maximum(np.fft.rfft2(common).real, 0.0))
+        found = np.fft.irfft2(np.fft.rfft2(random.normal(size=shape)) * size, shape)
+        row, column = (pixel - pixel.min(axis=0)).T
+        return np.asarray(found[row, column])
+
 
 def correlations(pixel: NDArray[np.intp], common: FloatMap) -> scipy.sparse.csr_matrix:
     """Return the correlations between pixels (n, 2) by those of their distances, (n, n)."""
@@ -97,6 +117,20 @@ def _numbers(pixel: NDArray[np.intp], far: int) -> NDArray[np.intp]:
     table = np.full((int(row.max()) + far + 1, int(column.max()) + far + 1), -1)
     table[row, column] = np.arange(len(pixel))
     return table
+
+
+def _pairs(
+    pixel: NDArray[np.intp],
+) -> Iterator[tuple[int, int, NDArray[np.intp], NDArray[np.intp]]]:
+    """Each distance in rows and columns up to ``SEEN``, and the pairs of pixels that have it."""
+    table = _numbers(pixel, SEEN)
+    row, column = (pixel - pixel.min(axis=0) + SEEN).T
+    for dr in range(SEEN + 1):
+        for dc in range(-SEEN if dr else 1, SEEN + 1):
+            other = table[row + dr, column + dc]
+            one = np.flatnonzero(other >= 0)
+            if len(one) >= LEAST:
+                yield dr, dc, one, other[one]
 
 
 class _Blur(NamedTuple):
@@ -136,8 +170,9 @@ class _Field:
         low, span = pixel.min(axis=0), np.maximum(np.ptp(pixel, axis=0), 1)
         sides = [k for k in LADDER if k <= INTERVALS and 4 * (k + ORDER - 1) ** 2 <= len(values)]
         k = max(sides)
-        self.pixel, self.values = pixel, values / sigma
+        self.pixel = pixel
         plain = design_of((pixel - low) / span, k)
+        self.values = _level(pixel, values / sigma, 1.0 / sigma)
         # Coefficients in standard deviations of the noise.
         self.design = scipy.sparse.csr_matrix(plain.multiply(np.median(sigma) / sigma[:, None]))
         side = k + ORDER - 1
@@ -233,22 +268,22 @@ class _Field:
         level = max(squares - float(right @ mean), 0.0) / free
         left = self.values - self.design @ mean
         unsure = np.sqrt(level) * np.asarray(self.design @ posterior.T)
-        steps = np.stack(np.meshgrid(*2 * (np.arange(-FARTHEST, FARTHEST + 1.0),), indexing="ij"), -1)
-        common = blur.common(steps)
-        table = _numbers(self.pixel, SEEN)
-        row, column = (self.pixel - self.pixel.min(axis=0) + SEEN).T
+        common = blur.common(np.mgrid[2 * (slice(-FARTHEST, FARTHEST + 1.0),)].transpose(1, 2, 0))
         variance = float(np.mean(left**2) + np.mean(np.sum(unsure**2, axis=1)))
-        for dr in range(SEEN + 1):
-            for dc in range(-SEEN, SEEN + 1):
-                other = table[row + dr, column + dc]
-                at = np.flatnonzero(other >= 0)
-                if (dr == 0 and dc <= 0) or len(at) < LEAST:
-                    continue
-                shared = left[at] * left[other[at]]
-                shared += np.einsum("nk,nk->n", unsure[at], unsure[other[at]])
-                value = float(shared.mean()) / variance
-                common[FARTHEST + dr, FARTHEST + dc] = common[FARTHEST - dr, FARTHEST - dc] = value
+        for dr, dc, one, other in _pairs(self.pixel):
+            products = left[one] * left[other]
+            products += np.einsum("nk,nk->n", unsure[one], unsure[other])
+            value = float(products.mean()) / variance
+            common[FARTHEST + dr, FARTHEST + dc] = common[FARTHEST - dr, FARTHEST - dc] = value
         return variance, _possible(common)
+
+
+def _level(pixel: NDArray[np.intp], values: FloatMap, weights: FloatMap) -> FloatMap:
+    """Values without the bow of least squares: bows of any size are then within ``UNKNOWN``."""
+    row, column = ((pixel - pixel.mean(axis=0)) / np.maximum(np.ptp(pixel, axis=0), 1)).T
+    bows = np.stack([row**i * column**j for i in range(3) for j in range(3 - i)], axis=-1)
+    bows *= weights[:, None]
+    return np.asarray(values - bows @ np.linalg.lstsq(bows, values, rcond=None)[0])
 
 
 def _waves(side: int, length: float) -> FloatMap:
@@ -262,7 +297,8 @@ def _waves(side: int, length: float) -> FloatMap:
 def _possible(common: FloatMap) -> FloatMap:
     """Correlations near given ones that noise can have: without negative power."""
     size = 4 * len(common)
-    power = np.fft.fft2(np.fft.ifftshift(np.pad(common, (size - len(common) + 1) // 2)[:size, :size]))
+    wide = np.pad(common, (size - len(common) + 1) // 2)[:size, :size]
+    power = np.fft.fft2(np.fft.ifftshift(wide))
     return common if power.real.min() > LEAST_POWER else _clipped(common, power.real)
 
 
@@ -324,7 +360,8 @@ def _likeliest(first: _Blur, worse: Callable[[_Blur], float]) -> _Blur:
     """The blur of the greatest evidence, near a first one."""
 
     def blur(x: FloatMap) -> _Blur:
-        return _Blur(*np.exp(np.clip(x[:2], -3.0, 1.0)), 1.0 / (1.0 + np.exp(-x[2])))
+        down, across = np.exp(np.clip(x[:2], -3.0, 1.0))
+        return _Blur(float(down), float(across), float(1.0 / (1.0 + np.exp(-x[2]))))
 
     start = [np.log(first.down), np.log(first.across), np.log(first.apart)]
     start_simplex = np.array([start, *(start + step for step in np.diag((0.3, 0.3, 2.0)))])

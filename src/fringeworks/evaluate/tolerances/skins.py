@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -17,6 +16,7 @@ from fringeworks.evaluate.quantities import PARALLEL_SINE, AreaDeviation
 from fringeworks.evaluate.shares import Share, Shares
 from fringeworks.evaluate.tolerances.association import associate
 from fringeworks.evaluate.tolerances.bodies import Body, Kind, everything, twists
+from fringeworks.evaluate.tolerances.limits import BINS, all_over, limiting, with_all
 from fringeworks.evaluate.tolerances.neighbours import Neighbours, neighbours
 from fringeworks.evaluate.tolerances.outliers import outliers
 from fringeworks.evaluate.tolerances.settled import OnModel, Settled, measured_at, settled
@@ -31,11 +31,6 @@ BLOCKS = 128
 interval of a spline."""
 MOST_POINTS = 20_000
 """Number of points from which they are averaged in blocks: fewer cost little."""
-BINS = 20
-"""Bins along each side of an area. Of each, the highest and lowest point count: of a smooth surface
-no other can limit a zone."""
-EVEN_POINTS = 5_000
-"""Points of a surface of which a share is left out: 15 of them are 0.3 %."""
 RESTING_POINTS = 1_000
 """Points that tell where a surface rests on its model, before those that limit it are chosen."""
 MEDIAN_POINTS = 2_000
@@ -377,12 +372,12 @@ def _chosen(
 ) -> tuple[NDArray[np.intp], FloatMap]:
     """Points that stand for a surface, and the number of pixels that each stands for in means."""
     if evenly:
-        return _evenly(kept)
+        return all_over(kept)
     if rest is not None:
         kept = kept[:: -(-len(kept) // MOST_POINTS)]
         value[kept] = rest(kept, value[kept])
-    pixel, weight = _limiting(unit, value, kept)
-    return (pixel, weight) if chart.body.kind == "plane" else _with_all(pixel, _evenly(kept))
+    pixel, weight = limiting(unit, value, kept)
+    return (pixel, weight) if chart.body.kind == "plane" else with_all(pixel, all_over(kept))
 
 
 def _noise_along(part: AreaPoints, normals: FloatMap) -> FloatMap:
@@ -456,52 +451,6 @@ def _blocks(columns: FloatMap, variance: FloatMap) -> tuple[FloatMap, FloatMap]:
     total = np.bincount(block, weight)
     means = [np.bincount(block, weight * one) / total for one in columns.T]
     return np.stack(means, axis=-1), 1.0 / total
-
-
-def _evenly(kept: NDArray[np.intp]) -> tuple[NDArray[np.intp], FloatMap]:
-    """Points all over an area, and the number of pixels that each stands for in means."""
-    pixel = kept[:: -(-len(kept) // EVEN_POINTS)]
-    return pixel, np.full(len(pixel), len(kept) / len(pixel))
-
-
-def _with_all(
-    limits: NDArray[np.intp], all_over: tuple[NDArray[np.intp], FloatMap]
-) -> tuple[NDArray[np.intp], FloatMap]:
-    """Points that can limit a zone beside those all over an area, which alone count in means.
-
-    Caps and arcs hold their centre or axis by their curvature alone. The middles of bins, of which
-    a form has few for each wave, moved centres of balls by up to 3 % of the form.
-    """
-    pixel, weight = all_over
-    others = np.setdiff1d(limits, pixel)
-    return np.concatenate((pixel, others)), np.concatenate((weight, np.zeros(len(others))))
-
-
-def _limiting(
-    unit: FloatMap, value: FloatMap, kept: NDArray[np.intp]
-) -> tuple[NDArray[np.intp], FloatMap]:
-    """Points that can limit a zone, and the number of pixels that each stands for in means."""
-    place, height = unit[kept], value[kept]
-    row, column = np.minimum((place * BINS).astype(int), BINS - 1).T
-    bins = row * BINS + column
-    order = np.lexsort((height, bins))
-    last = np.append(np.flatnonzero(np.diff(bins[order])), len(order) - 1)
-    first = np.append(0, last[:-1] + 1)
-    extremes = [order[first], order[last]]
-    for strip, along in ((row, place[:, 1]), (column, place[:, 0])):
-        ranked = np.lexsort((along, strip))
-        end = np.append(np.flatnonzero(np.diff(strip[ranked])), len(ranked) - 1)
-        extremes += [ranked[np.append(0, end[:-1] + 1)], ranked[end]]
-    # A tilt to a datum makes corners the extremes, whatever the form.
-    if (np.ptp(place, axis=0) > 0).all() and len(place) > 3:
-        with suppress(scipy.spatial.QhullError):  # places on a line have ends alone
-            extremes.append(scipy.spatial.ConvexHull(place).vertices)
-    # A point of each bin in the order of the pixels is near its middle.
-    by_bin = np.argsort(bins, kind="stable")
-    middle = by_bin[(first + last) // 2]
-    limits = np.setdiff1d(np.concatenate(extremes), middle)
-    weight = np.concatenate((last - first + 1.0, np.zeros(len(limits))))
-    return kept[np.concatenate((middle, limits))], weight
 
 
 def _on_lines(

@@ -80,7 +80,8 @@ def smooth(
     than that holds the surfaces, see ``likely``.
 
     The coefficients of least squares have the covariance N⁻¹ S N⁻¹, with S that of the sums on the
-    right side. Independent noise has S = N times its variance; noise that neighbours share has more.
+    right side. Independent noise has S = N times its variance. Noise that neighbours share has
+    more.
     """
     rungs, left = _ladder(places, values, 1.0 / variance)
     sizes = [(k + ORDER - 1) ** 2 for k in rungs]

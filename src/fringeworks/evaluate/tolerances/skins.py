@@ -313,8 +313,7 @@ def _skin(
     span = np.maximum(np.ptp(places[inner], axis=0), np.finfo(float).tiny)
     unit = (places - low) / span
     sigma = _noise_along(part, normals)
-    moves = _moves(part.points, normals)
-    fitted, kept = _fitted(unit, distance, sigma, inner, moves, part)
+    fitted, kept = _fitted(unit, distance, sigma, inner, _moves(part.points, normals), part)
     feet = part.points - distance[:, None] * normals
     at = unit if points is None else (chart.places(points) - low) / span
     number: FloatMap = np.zeros(len(at))
@@ -322,8 +321,10 @@ def _skin(
     if lines is not None or points is not None:
         if lines is not None:
             at, number = _on_lines(chart, lines, places[kept], low, span)
-        pixel = kept[scipy.spatial.cKDTree(unit[kept]).query(at)[1]]
         own = lines is not None and not fitted.resolved
+        pixel = kept[scipy.spatial.cKDTree(unit[kept]).query(at)[1]]
+        if own and chart.exact:
+            at, pixel = _through_pixels(at, number, unit, kept, pixel, lines)
         if lines is not None and (own or not chart.exact):
             at = at if chart.exact else unit[pixel]  # a model has feet at pixels alone
             number, pixel, at = _at_pixels(number, pixel, at)
@@ -343,9 +344,35 @@ def _skin(
     if lines is not None and chart.exact:
         foot = chart.feet(low + span * at)
         normal = chart.body.normals(foot)
-    across = None if lines is None else _across(chart, lines)
+    plane = None if lines is None else _across(chart, lines)
     common = _parts(part, unit, normals, kept, at, pixel)
-    return Skin(chart.body, foot, normal, value, (unsure,), *common, weight, number, across)
+    return Skin(chart.body, foot, normal, value, (unsure,), *common, weight, number, plane)
+
+
+def _through_pixels(
+    at: FloatMap,
+    number: FloatMap,
+    unit: FloatMap,
+    kept: NDArray[np.intp],
+    pixel: NDArray[np.intp],
+    lines: Lines | None,
+) -> tuple[FloatMap, NDArray[np.intp]]:
+    """Lines moved across their direction to the middle of the pixels near each, and those pixels;
+    circles stay where they are.
+
+    Between two columns of pixels, a line would have pixels of both by turns, and a step from one
+    column to the next would count as a form of the line. Along it, its points are those of the
+    pixels: another place has another distance from a body that is off the centre.
+    """
+    if lines is None or lines.run == "around":
+        return at, pixel
+    moved, across = at.copy(), int(lines.run == "along")
+    for line in np.unique(number):
+        own = number == line
+        moved[own, across] = np.median(unit[pixel[own], across])
+    pixel = kept[scipy.spatial.cKDTree(unit[kept]).query(moved)[1]]
+    moved[:, 1 - across] = unit[pixel, 1 - across]
+    return moved, pixel
 
 
 def _at_pixels(

@@ -73,6 +73,21 @@ def test_a_texture_that_is_larger_than_the_noise_is_form():
     assert neighbours(pixels, values.ravel(), np.ones(pixels.shape[0])) is None
 
 
+def test_rounding_is_no_noise_that_neighbours_share():
+    """Perfect data in single precision, whose stated noise is not there; and one row of pixels."""
+    y, x = np.mgrid[:48, :48]
+    rounded = np.float32(500.0 + 0.00001 * x + 0.00002 * y).astype(float).ravel()
+    assert neighbours(PIXELS, rounded, np.full(rounded.size, 0.01)) is None
+    assert neighbours(PIXELS, np.full(rounded.size, 3.0), np.full(rounded.size, 0.01)) is None
+    row = np.stack((np.zeros(300, int), np.arange(300)), axis=-1)
+    values = np.random.default_rng(9).normal(size=300)
+    assert neighbours(row, values, np.ones(300)) is None
+    smooth = scipy.ndimage.gaussian_filter1d(np.random.default_rng(9).normal(size=300), 1.0)
+    found = neighbours(row, smooth / smooth.std(), np.ones(300))
+    assert found is not None
+    assert found.variance(row, np.full(300, 1.0 / 300)) > 2.0 / 300
+
+
 def test_whitening_makes_noise_independent():
     pixels = np.argwhere(np.ones((9, 11), bool))
     field = _Field(pixels, np.zeros(pixels.shape[0]), np.ones(pixels.shape[0]))

@@ -215,7 +215,7 @@ def _alike(area: AreaPoints, weights: FloatMap, direction: FloatMap) -> float:
     assert area.shared is not None
     assert area.pixel is not None
     own = weights * _along(area.by_value, direction) * area.noise
-    return area.shared.variance(area.pixel, own) * max(area.shared.level, 1.0)
+    return area.shared.variance(area.pixel, own) * area.shared.factor
 
 
 def _shared(area: AreaPoints) -> Neighbours | None:

@@ -70,6 +70,12 @@ class Neighbours:
         """Sum of the correlations: factor of the variance of a mean over many pixels."""
         return float(self.common.sum())
 
+    @property
+    def factor(self) -> float:
+        """Factor of the stated variance. Near 1, it is not below 1: the form may hide a part
+        of the noise. Where most of the noise is missing, it was stated too large."""
+        return max(self.level, 1.0) if self.level * MOST_LEVEL > 1.0 else self.level
+
     def between(self, design: scipy.sparse.csr_matrix, pixel: NDArray[np.intp]) -> FloatMap:
         """Return the covariance of sums of the noise of pixels, weighted by a design (n, p)."""
         shared = correlations(pixel, self.common)
@@ -329,7 +335,7 @@ def neighbours(pixel: NDArray[np.intp], values: FloatMap, sigma: FloatMap) -> Ne
     its evidence pays for three more unknowns (Schwarz, Ann. Statist. 6, 1978). JPEG and demosaicing
     are no blurs: the correlations of close pixels are those of the values, see ``by_lags``.
     """
-    if len(values) < LEAST:
+    if len(values) < LEAST or not np.any(values - values[0]):
         return None
     middle = pixel[np.argmin(np.sum((pixel - pixel.mean(axis=0)) ** 2, axis=1))]
     near = np.argsort(np.abs(pixel - middle).max(axis=1), kind="stable")[:MOST]
@@ -353,7 +359,9 @@ def neighbours(pixel: NDArray[np.intp], values: FloatMap, sigma: FloatMap) -> Ne
     if form.worse > alone.worse - price or form.level > MOST_LEVEL:
         return None
     found = Neighbours(*field.by_lags(blur, form))
-    return found if found.level < MOST_LEVEL else None
+    # Less than the stated, independent noise is no noise of its own: rounding, as of perfect data.
+    told = found.level < MOST_LEVEL and found.factor * found.total > 1.0
+    return found if told else None
 
 
 def _likeliest(first: _Blur, worse: Callable[[_Blur], float]) -> _Blur:

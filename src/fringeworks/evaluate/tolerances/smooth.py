@@ -89,7 +89,7 @@ def smooth(
     level = squares[-1] / max(len(values) - sizes[-1], 1)
     if shared is not None:
         # A mean over many pixels has this variance: the largest that a coefficient may have.
-        level = shared.level * shared.total
+        level = shared.factor * shared.total
 
     def improved(one: int) -> bool:
         more = np.subtract(sizes[one + 1 :], sizes[one])
@@ -106,7 +106,7 @@ def smooth(
         rigid = np.linalg.solve(normal + _stiff(normal, rungs[used]), sums)
     if shared is not None and pixel is not None:
         weighted = scipy.sparse.csr_matrix(design.multiply(variance[:, None] ** -0.5))
-        among = max(shared.level, 1.0) * shared.between(weighted, pixel)
+        among = shared.factor * shared.between(weighted, pixel)
         freed = np.linalg.solve(among + _stiff(among, rungs[used]), normal)
         normal, right = normal @ freed, freed.T @ right
     else:

@@ -20,6 +20,8 @@ ELSEWHERE = {
     "fringeworks serve ": "serves until it is ended: tests/test_service.py",
     "fringeworks setup ": "wants devices: tests/test_walk.py",
     "fringeworks scan ": "wants devices: tests/test_walk.py, tests/test_turntable_scan.py",
+    "fringeworks study trials.csv --quantity step --scan-parts ": "wants devices: "
+    "tests/test_gauge_scans.py",
     "fringeworks paper ": "takes a minute: tests/test_examples.py",
     "fringeworks --plugin own_method.py ": "would register a method for all tests of this process: "
     "tests/test_examples.py, tests/test_cli.py",

@@ -35,7 +35,7 @@ Figure = Annotated[
     Path | None, typer.Option("--figure", help="Draw a picture: .png, .pdf or .svg.")
 ]
 PlanFile = Annotated[
-    Path | None, typer.Option("--plan", help="Plan file, where the stack has none.")
+    Path | None, typer.Option("--plan", help="Plan file; for stacks that have none.")
 ]
 ResponseFile = Annotated[
     Path | None, typer.Option("--response", help="Response file; the response is corrected.")

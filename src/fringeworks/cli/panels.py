@@ -23,7 +23,8 @@ PANELS = {
     "Method": "live method option against denoise zero response estimate-response estimate-steps "
     "relative phases unwrap contrast channel adjust learn false-alarms kind min-period max-period "
     "camera-pixel robust colours "
-    "quantity part operator names tolerance-width calibrated calibrated-sigma spread share",
+    "quantity part operator scan-parts operators trials names tolerance-width calibrated "
+    "calibrated-sigma spread share",
     "Output": "out capture ply figure panel no-title report head json csv markdown timing force "
     "history watched title part-reports excel",
     "Work": "recipe workers scheduler memory-gb watch",

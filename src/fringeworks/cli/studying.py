@@ -13,6 +13,7 @@ from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.inspecting import EXIT_CODES
 from fringeworks.cli.options import HeadOption, JsonFile
+from fringeworks.cli.study_scans import StudyScanOptions, scan_table
 
 SECTION = "Results"
 
@@ -71,6 +72,7 @@ def study(
     *,
     where: TableOptions,
     limits: LimitOptions,
+    scans: StudyScanOptions,
     report: Annotated[
         Path | None, typer.Option(help="Write a report: a page to hand on, .html or .pdf.")
     ] = None,
@@ -79,11 +81,14 @@ def study(
 ) -> None:
     """Judge a gauge: repeatability and reproducibility, Cg and Cgk, or linearity.
 
+    With --scan-parts, the trials that the table lacks are scanned first.
+
     Exit code 0 pass, 3 fail, 4 undecided.
     """
     words = output.Output(report, json_file)
     output.check(report, "report")
     fields = output.head_fields(head)
+    scan_table(words, table, scans)
     found = _studied(_summary(table), where, limits)
     figures = fw.report.summarise(found)
     words.tell(found, figures)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.evaluate.shares import Share, Shares, scaled, total
+from fringeworks.evaluate.tolerances.neighbours import Neighbours, neighbours
 from fringeworks.rig.point_errors import point_errors
 from fringeworks.surface.section import organised_points, places
 from fringeworks.types import (
@@ -77,6 +78,8 @@ class AreaPoints:
     still: FloatMap | float = field(default=0.0, kw_only=True)
     """Point that such an error does not move, (3,), mm; quantities of points alone do not depend
     on it."""
+    pixel: NDArray[np.intp] | None = field(default=None, kw_only=True)
+    """Row and column of each point, (n, 2): neighbours may share noise. None where unknown."""
     known: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
     """What was computed of these points, by its name; see ``once``."""
     computing: AbstractContextManager[Any] = field(
@@ -94,6 +97,24 @@ class AreaPoints:
     def share(self) -> float:
         """Share of the area's pixels that have a value, 0…1."""
         return len(self.points) / self.wanted
+
+    @property
+    def shared(self) -> Neighbours | None:
+        """Noise that neighbouring points share, as their heights towards the camera tell it."""
+        if self.pixel is None or not self.noise[self.inner].all():
+            return None
+        found: Neighbours | None = self.once("shared noise", _shared)
+        return found
+
+    def like_noise_at(
+        self, some: NDArray[np.intp]
+    ) -> Callable[[np.random.Generator], FloatMap] | None:
+        """Return a function that draws numbers of variance 1 for some points (m,), as alike in
+        neighbours as noise is; None where noise is independent."""
+        shared, pixel = self.shared, self.pixel
+        if shared is None or pixel is None:
+            return None
+        return lambda random: shared.draw(pixel[some], random)
 
     @property
     def sigma(self) -> FloatMap:
@@ -157,10 +178,10 @@ def shares_of(terms: Sequence[Term]) -> Shares:
 
     Notes
     -----
-    Noise adds up as independent numbers. Errors of the calibration move all points of all areas
-    together, as the rig's covariance tells; where none is known, those of a patch add up as one
-    number, and patches are independent. What is left of the camera's blur is one number for all,
-    and so is each stated error of the scale.
+    Noise adds up as independent numbers, or as the correlation of neighbours tells. Errors of the
+    calibration move all points of all areas together, as the rig's covariance tells; where none is
+    known, those of a patch add up as one number, and patches are independent. What is left of the
+    camera's blur is one number for all, and so is each stated error of the scale.
     """
     noise, neighbours, blur, scale = 0.0, 0.0, 0.0, 0.0
     by_rig: FloatMap | float = 0.0
@@ -171,7 +192,7 @@ def shares_of(terms: Sequence[Term]) -> Shares:
         errors = (area.by_value, area.noise, area.common, area.blur, group)
         held = [np.ascontiguousarray(a, np.float64) for a in (weights, direction)]
         own, along, sums = _core.error_sums(errors, held[0], held[1].reshape(-1, 3), groups)
-        noise += own
+        noise += own if area.shared is None else _alike(area, weights, direction)
         blur += along
         if area.scales:
             scale += float(weights @ _along(area.points - area.still, direction))
@@ -187,6 +208,24 @@ def shares_of(terms: Sequence[Term]) -> Shares:
         Share("calibration", float(np.sqrt(np.sum(np.square(by_rig))))),
         *scaled(stated, abs(scale)),
     )
+
+
+def _alike(area: AreaPoints, weights: FloatMap, direction: FloatMap) -> float:
+    """Variance of a quantity by noise that neighbours share."""
+    assert area.shared is not None
+    assert area.pixel is not None
+    own = weights * _along(area.by_value, direction) * area.noise
+    return area.shared.variance(area.pixel, own) * area.shared.factor
+
+
+def _shared(area: AreaPoints) -> Neighbours | None:
+    """The noise that neighbouring points of an area share."""
+    assert area.pixel is not None
+    heights, inner = area.points @ area.up, area.inner
+    noise = np.abs(area.by_value @ area.up) * area.noise
+    if not noise[inner].all():
+        return None
+    return neighbours(area.pixel[inner], heights[inner], noise[inner])
 
 
 def _along(vectors: FloatMap, direction: FloatMap) -> FloatMap:
@@ -260,6 +299,7 @@ def area_points(
         _inner(surface, rows, columns),
         by_rig,
         scales=scales,
+        pixel=np.stack((rows, columns), axis=-1),
     )
 
 

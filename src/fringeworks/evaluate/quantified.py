@@ -115,6 +115,7 @@ def freed_range(
     range_of: Callable[[FloatMap], float],
     shares: Shares,
     unit: str = "mm",
+    like_noise: Callable[[np.random.Generator], FloatMap] | None = None,
 ) -> Quantified:
     """Return a range of values without what noise adds to it.
 
@@ -123,11 +124,14 @@ def freed_range(
     values : (n,) array
         Measured values.
     noise : (n,) array
-        Standard deviations of their independent noise.
+        Standard deviations of their noise.
     range_of : function
         Of the values; not below 0.
     shares : parts of σ
         Standard deviation of the range by all that is no noise.
+    like_noise : function, optional
+        Draws numbers of variance 1, (n,), that are as alike in neighbours as noise is; independent
+        ones otherwise.
 
     Notes
     -----
@@ -140,7 +144,11 @@ def freed_range(
     step = -(-len(values) // MOST_POINTS)
     values, noise = values[::step], noise[::step]
     random = np.random.default_rng(0)
-    drawn = [range_of(values + noise * random.normal(size=len(noise))) for _ in range(REPEATED)]
+
+    def unit_noise() -> FloatMap:
+        return random.normal(size=len(noise)) if like_noise is None else like_noise(random)[::step]
+
+    drawn = [range_of(values + noise * unit_noise()) for _ in range(REPEATED)]
     factor = 1.0 / (2.0**0.5 - 1.0)
     share = factor * max(float(np.mean(drawn)) - range_of(values), 0.0)
     scatter = factor * float(np.std(drawn, ddof=1))

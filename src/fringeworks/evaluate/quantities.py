@@ -180,7 +180,8 @@ def deviation_max(part: AreaDeviation) -> Quantified:
         kept = kept_of(distance.size) - 1
         return float(np.partition(np.abs(distance), kept)[kept])
 
-    return freed_range(part.distance[inner], noise, farthest, shares)
+    alike = part.like_noise_at(inner)
+    return freed_range(part.distance[inner], noise, farthest, shares, like_noise=alike)
 
 
 def flatness(part: AreaPoints) -> Quantified:
@@ -211,7 +212,8 @@ def _range_from_plane(part: AreaPoints, base: AreaPoints) -> Quantified:
         terms = [Term(still, ends - follows, plane.normal)]
     else:
         terms = [Term(still, ends, plane.normal), Term(base, -follows, plane.normal)]
-    return freed_range(heights, sigma, narrowest, shares_of(terms))
+    alike = part.like_noise_at(inner)
+    return freed_range(heights, sigma, narrowest, shares_of(terms), like_noise=alike)
 
 
 def angle(one: AreaPoints, other: AreaPoints) -> Quantified:
@@ -255,7 +257,7 @@ def roundness(part: AreaPoints) -> Quantified:
     def largest(distances: FloatMap) -> float:
         return max(narrowest(section) for section in np.array_split(distances, count))
 
-    return freed_range(away, noise, largest, shares)
+    return freed_range(away, noise, largest, shares, like_noise=part.like_noise_at(order))
 
 
 def _section(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -17,6 +16,8 @@ from fringeworks.evaluate.quantities import PARALLEL_SINE, AreaDeviation
 from fringeworks.evaluate.shares import Share, Shares
 from fringeworks.evaluate.tolerances.association import associate
 from fringeworks.evaluate.tolerances.bodies import Body, Kind, everything, twists
+from fringeworks.evaluate.tolerances.limits import BINS, all_over, limiting, with_all
+from fringeworks.evaluate.tolerances.neighbours import Neighbours, neighbours
 from fringeworks.evaluate.tolerances.outliers import outliers
 from fringeworks.evaluate.tolerances.settled import OnModel, Settled, measured_at, settled
 from fringeworks.evaluate.tolerances.smooth import Smooth, smooth
@@ -30,11 +31,6 @@ BLOCKS = 128
 interval of a spline."""
 MOST_POINTS = 20_000
 """Number of points from which they are averaged in blocks: fewer cost little."""
-BINS = 20
-"""Bins along each side of an area. Of each, the highest and lowest point count: of a smooth surface
-no other can limit a zone."""
-EVEN_POINTS = 5_000
-"""Points of a surface of which a share is left out: 15 of them are 0.3 %."""
 RESTING_POINTS = 1_000
 """Points that tell where a surface rests on its model, before those that limit it are chosen."""
 MEDIAN_POINTS = 2_000
@@ -317,8 +313,7 @@ def _skin(
     span = np.maximum(np.ptp(places[inner], axis=0), np.finfo(float).tiny)
     unit = (places - low) / span
     sigma = _noise_along(part, normals)
-    moves = _moves(part.points, normals)
-    fitted, kept = _fitted(unit, distance, sigma, inner, moves, stated=bool(part.noise.all()))
+    fitted, kept = _fitted(unit, distance, sigma, inner, _moves(part.points, normals), part)
     feet = part.points - distance[:, None] * normals
     at = unit if points is None else (chart.places(points) - low) / span
     number: FloatMap = np.zeros(len(at))
@@ -326,8 +321,10 @@ def _skin(
     if lines is not None or points is not None:
         if lines is not None:
             at, number = _on_lines(chart, lines, places[kept], low, span)
-        pixel = kept[scipy.spatial.cKDTree(unit[kept]).query(at)[1]]
         own = lines is not None and not fitted.resolved
+        pixel = kept[scipy.spatial.cKDTree(unit[kept]).query(at)[1]]
+        if own and chart.exact:
+            at, pixel = _through_pixels(at, number, unit, kept, pixel, lines)
         if lines is not None and (own or not chart.exact):
             at = at if chart.exact else unit[pixel]  # a model has feet at pixels alone
             number, pixel, at = _at_pixels(number, pixel, at)
@@ -347,9 +344,35 @@ def _skin(
     if lines is not None and chart.exact:
         foot = chart.feet(low + span * at)
         normal = chart.body.normals(foot)
-    across = None if lines is None else _across(chart, lines)
+    plane = None if lines is None else _across(chart, lines)
     common = _parts(part, unit, normals, kept, at, pixel)
-    return Skin(chart.body, foot, normal, value, (unsure,), *common, weight, number, across)
+    return Skin(chart.body, foot, normal, value, (unsure,), *common, weight, number, plane)
+
+
+def _through_pixels(
+    at: FloatMap,
+    number: FloatMap,
+    unit: FloatMap,
+    kept: NDArray[np.intp],
+    pixel: NDArray[np.intp],
+    lines: Lines | None,
+) -> tuple[FloatMap, NDArray[np.intp]]:
+    """Lines moved across their direction to the middle of the pixels near each, and those pixels;
+    circles stay where they are.
+
+    Between two columns of pixels, a line would have pixels of both by turns, and a step from one
+    column to the next would count as a form of the line. Along it, its points are those of the
+    pixels: another place has another distance from a body that is off the centre.
+    """
+    if lines is None or lines.run == "around":
+        return at, pixel
+    moved, across = at.copy(), int(lines.run == "along")
+    for line in np.unique(number):
+        own = number == line
+        moved[own, across] = np.median(unit[pixel[own], across])
+    pixel = kept[scipy.spatial.cKDTree(unit[kept]).query(moved)[1]]
+    moved[:, 1 - across] = unit[pixel, 1 - across]
+    return moved, pixel
 
 
 def _at_pixels(
@@ -376,12 +399,12 @@ def _chosen(
 ) -> tuple[NDArray[np.intp], FloatMap]:
     """Points that stand for a surface, and the number of pixels that each stands for in means."""
     if evenly:
-        return _evenly(kept)
+        return all_over(kept)
     if rest is not None:
         kept = kept[:: -(-len(kept) // MOST_POINTS)]
         value[kept] = rest(kept, value[kept])
-    pixel, weight = _limiting(unit, value, kept)
-    return (pixel, weight) if chart.body.kind == "plane" else _with_all(pixel, _evenly(kept))
+    pixel, weight = limiting(unit, value, kept)
+    return (pixel, weight) if chart.body.kind == "plane" else with_all(pixel, all_over(kept))
 
 
 def _noise_along(part: AreaPoints, normals: FloatMap) -> FloatMap:
@@ -403,16 +426,26 @@ def _fitted(
     sigma: FloatMap,
     inner: NDArray[np.intp],
     moves: FloatMap,
-    *,
-    stated: bool,
+    part: AreaPoints,
 ) -> tuple[Smooth, NDArray[np.intp]]:
     """The smooth surface, and the points that it goes through: all but outliers."""
     variance = sigma**2 if sigma[inner].all() else np.ones(len(sigma))
     columns = np.column_stack((unit, distance, moves))
+    stated = bool(part.noise.all())
+    shared = _shared(part, distance, sigma, inner) if stated else None
 
     def fit(kept: NDArray[np.intp]) -> Smooth:
         means, left = _blocks(columns[kept], variance[kept])
-        return smooth(means[:, :2], means[:, 2], left, stated=stated, moves=means[:, 3:])
+        pixel = part.pixel[kept] if part.pixel is not None and len(means) == len(kept) else None
+        return smooth(
+            means[:, :2],
+            means[:, 2],
+            left,
+            stated=stated,
+            moves=means[:, 3:],
+            shared=shared,
+            pixel=pixel,
+        )
 
     def left_by(one: Smooth) -> FloatMap:
         return np.asarray((distance[inner] - one.at(unit[inner])) / np.sqrt(variance[inner]))
@@ -423,6 +456,15 @@ def _fitted(
         inner = inner[~wrong]
         found = fit(inner)
     return (replace(found, resolved=False) if together else found), inner
+
+
+def _shared(
+    part: AreaPoints, distance: FloatMap, sigma: FloatMap, inner: NDArray[np.intp]
+) -> Neighbours | None:
+    """The noise that neighbouring pixels share, where it can be told from form."""
+    if part.pixel is None:
+        return None
+    return neighbours(part.pixel[inner], distance[inner], sigma[inner])
 
 
 def _blocks(columns: FloatMap, variance: FloatMap) -> tuple[FloatMap, FloatMap]:
@@ -436,52 +478,6 @@ def _blocks(columns: FloatMap, variance: FloatMap) -> tuple[FloatMap, FloatMap]:
     total = np.bincount(block, weight)
     means = [np.bincount(block, weight * one) / total for one in columns.T]
     return np.stack(means, axis=-1), 1.0 / total
-
-
-def _evenly(kept: NDArray[np.intp]) -> tuple[NDArray[np.intp], FloatMap]:
-    """Points all over an area, and the number of pixels that each stands for in means."""
-    pixel = kept[:: -(-len(kept) // EVEN_POINTS)]
-    return pixel, np.full(len(pixel), len(kept) / len(pixel))
-
-
-def _with_all(
-    limits: NDArray[np.intp], all_over: tuple[NDArray[np.intp], FloatMap]
-) -> tuple[NDArray[np.intp], FloatMap]:
-    """Points that can limit a zone beside those all over an area, which alone count in means.
-
-    Caps and arcs hold their centre or axis by their curvature alone. The middles of bins, of which
-    a form has few for each wave, moved centres of balls by up to 3 % of the form.
-    """
-    pixel, weight = all_over
-    others = np.setdiff1d(limits, pixel)
-    return np.concatenate((pixel, others)), np.concatenate((weight, np.zeros(len(others))))
-
-
-def _limiting(
-    unit: FloatMap, value: FloatMap, kept: NDArray[np.intp]
-) -> tuple[NDArray[np.intp], FloatMap]:
-    """Points that can limit a zone, and the number of pixels that each stands for in means."""
-    place, height = unit[kept], value[kept]
-    row, column = np.minimum((place * BINS).astype(int), BINS - 1).T
-    bins = row * BINS + column
-    order = np.lexsort((height, bins))
-    last = np.append(np.flatnonzero(np.diff(bins[order])), len(order) - 1)
-    first = np.append(0, last[:-1] + 1)
-    extremes = [order[first], order[last]]
-    for strip, along in ((row, place[:, 1]), (column, place[:, 0])):
-        ranked = np.lexsort((along, strip))
-        end = np.append(np.flatnonzero(np.diff(strip[ranked])), len(ranked) - 1)
-        extremes += [ranked[np.append(0, end[:-1] + 1)], ranked[end]]
-    # A tilt to a datum makes corners the extremes, whatever the form.
-    if (np.ptp(place, axis=0) > 0).all() and len(place) > 3:
-        with suppress(scipy.spatial.QhullError):  # places on a line have ends alone
-            extremes.append(scipy.spatial.ConvexHull(place).vertices)
-    # A point of each bin in the order of the pixels is near its middle.
-    by_bin = np.argsort(bins, kind="stable")
-    middle = by_bin[(first + last) // 2]
-    limits = np.setdiff1d(np.concatenate(extremes), middle)
-    weight = np.concatenate((last - first + 1.0, np.zeros(len(limits))))
-    return kept[np.concatenate((middle, limits))], weight
 
 
 def _on_lines(

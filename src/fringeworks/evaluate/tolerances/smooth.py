@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from fringeworks.evaluate.tolerances.likely import Likely, likely
+from fringeworks.evaluate.tolerances.neighbours import Neighbours
+from fringeworks.evaluate.tolerances.splines import FINE, LADDER, ORDER, design_of
 from fringeworks.types import FloatMap
 
-LADDER = (1, 2, 3, 4, 6, 8, 11, 16, 22, 32)
-"""Intervals of the splines along each side of an area, from the coarsest to the finest."""
 VALUES_PER_COEFFICIENT = 4
 """Smallest number of values for each coefficient: the residuals then still tell the noise."""
 SURE = 3.0
@@ -19,11 +20,6 @@ SURE = 3.0
 STIFFNESS = 1e-3
 """Weight of second differences of the coefficients, relative to a coefficient's own data. It holds
 coefficients without data, and changes others by less than a thousandth."""
-FINE = 7
-"""Number of the spline in ``LADDER`` that holds the surfaces where the area has points enough: 16
-intervals, of which the likely lengths of form take what they need."""
-ORDER = 4
-"""Cubic splines: four of them overlap in each interval."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +35,11 @@ class Smooth:
 
     def design(self, places: FloatMap) -> FloatMap:
         """Return the derivative of the values at places (m, 2) by the coefficients, (m, p)."""
-        return np.asarray(_design(places, self.intervals).toarray())
+        return np.asarray(design_of(places, self.intervals).toarray())
 
     def at(self, places: FloatMap) -> FloatMap:
         """Return the likely values at places (m, 2), (m,), mm."""
-        return np.asarray(_design(places, self.intervals) @ self.likely.mean)
+        return np.asarray(design_of(places, self.intervals) @ self.likely.mean)
 
 
 def smooth(
@@ -53,6 +49,8 @@ def smooth(
     *,
     stated: bool,
     moves: FloatMap | None = None,
+    shared: Neighbours | None = None,
+    pixel: NDArray[np.intp] | None = None,
 ) -> Smooth:
     """Return the surfaces that are likely behind noisy values.
 
@@ -67,6 +65,11 @@ def smooth(
         Whether the factor is known to be 1 or more.
     moves : (n, j) array, optional
         What motions and the size of the body do to the values: nothing is known of them before.
+    shared : Neighbours, optional
+        Noise that neighbours share; independent noise otherwise.
+    pixel : (n, 2) array, optional
+        Rows and columns of the values that share it. None for means of pixels, which are wider
+        than the noise.
 
     Notes
     -----
@@ -75,13 +78,18 @@ def smooth(
     noise into form. A coarser one is enough if no finer one lowers χ² by more than its further
     coefficients do on average, plus three standard deviations. One that is at least one step finer
     than that holds the surfaces, see ``likely``.
+
+    The coefficients of least squares have the covariance N⁻¹ S N⁻¹, with S that of the sums on the
+    right side. Independent noise has S = N times its variance. Noise that neighbours share has
+    more.
     """
-    most = len(values) / VALUES_PER_COEFFICIENT
-    rungs = [k for k in LADDER if k == 1 or (k + ORDER - 1) ** 2 <= most]
+    rungs, left = _ladder(places, values, 1.0 / variance)
     sizes = [(k + ORDER - 1) ** 2 for k in rungs]
-    left = [_left(places, values, 1.0 / variance, k) for k in rungs]
     squares = [float(one @ one) for one in left]
     level = squares[-1] / max(len(values) - sizes[-1], 1)
+    if shared is not None:
+        # A mean over many pixels has this variance: the largest that a coefficient may have.
+        level = shared.factor * shared.total
 
     def improved(one: int) -> bool:
         more = np.subtract(sizes[one + 1 :], sizes[one])
@@ -91,21 +99,38 @@ def smooth(
     last = len(rungs) - 1
     enough = next(i for i in range(len(rungs)) if not improved(i))
     used = max(min(enough + 1, last), min(FINE, last))
-    level = max(level, 1.0) if stated else level
     design, normal, right = _equations(places, values, 1.0 / variance, rungs[used])
     rigid = np.zeros((len(right), 0))
     if moves is not None:
         sums = np.asarray(design.T @ (moves / variance[:, None]))
         rigid = np.linalg.solve(normal + _stiff(normal, rungs[used]), sums)
-    found = likely(normal / level, right / level, rungs[used] + ORDER - 1, rigid)
-    return Smooth(rungs[used], found, resolved=_independent(left[min(enough + 1, last)]))
+    if shared is not None and pixel is not None:
+        weighted = scipy.sparse.csr_matrix(design.multiply(variance[:, None] ** -0.5))
+        among = shared.factor * shared.between(weighted, pixel)
+        freed = np.linalg.solve(among + _stiff(among, rungs[used]), normal)
+        normal, right = normal @ freed, freed.T @ right
+    else:
+        level = max(level, 1.0) if stated else level
+        normal, right = normal / level, right / level
+    found = likely(normal, right, rungs[used] + ORDER - 1, rigid)
+    known = shared is not None or _independent(left[min(enough + 1, last)])
+    return Smooth(rungs[used], found, resolved=known)
+
+
+def _ladder(
+    places: FloatMap, values: FloatMap, weights: FloatMap
+) -> tuple[list[int], list[FloatMap]]:
+    """The intervals of the splines that the values support, and what each spline leaves."""
+    most = len(values) / VALUES_PER_COEFFICIENT
+    rungs = [k for k in LADDER if k == 1 or (k + ORDER - 1) ** 2 <= most]
+    return rungs, [_left(places, values, weights, k) for k in rungs]
 
 
 def _equations(
     places: FloatMap, values: FloatMap, weights: FloatMap, intervals: int
 ) -> tuple[scipy.sparse.csr_matrix, FloatMap, FloatMap]:
     """The tensor products at places, and both sides of the equations of least squares."""
-    design = _design(places, intervals)
+    design = design_of(places, intervals)
     normal = (design.T @ design.multiply(weights[:, None])).toarray()
     return design, normal, np.asarray(design.T @ (weights * values))
 
@@ -133,23 +158,3 @@ def _independent(left: FloatMap) -> bool:
     size = float(left @ left)
     alike = float(left[1:] @ left[:-1]) / size if size > 0 else 0.0
     return bool(alike * np.sqrt(len(left)) < SURE)
-
-
-def _design(places: FloatMap, intervals: int) -> scipy.sparse.csr_matrix:
-    """The tensor products of splines at places of the unit square, (n, p)."""
-    side = intervals + ORDER - 1
-    (rows, first), (columns, second) = (_splines(places[:, k], intervals) for k in range(2))
-    index = (rows[:, :, None] * side + columns[:, None, :]).reshape(len(places), -1)
-    value = (first[:, :, None] * second[:, None, :]).reshape(len(places), -1)
-    start = np.arange(len(places) + 1) * ORDER**2
-    return scipy.sparse.csr_matrix((value.ravel(), index.ravel(), start), (len(places), side**2))
-
-
-def _splines(x: FloatMap, intervals: int) -> tuple[FloatMap, FloatMap]:
-    """Numbers and values of the four cubic splines that overlap at each place, (n, 4)."""
-    at = np.clip(x, 0.0, 1.0) * intervals
-    first = np.minimum(at.astype(int), intervals - 1)
-    f = at - first
-    g = 1.0 - f
-    parts = (g**3, 3 * f**3 - 6 * f**2 + 4, 3 * g**3 - 6 * g**2 + 4, f**3)
-    return first[:, None] + np.arange(ORDER), np.stack(parts, axis=-1) / 6.0

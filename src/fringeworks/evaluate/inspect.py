@@ -307,18 +307,16 @@ def _measured(
     return measure(found, _triangulator(rig_of(recipe)), **recipe.options).points
 
 
-def judge_deviation(
-    found: Deviation, rig: Rig | None = None, *, risk: float = USUAL_RISK
-) -> Check | None:
+def judge_deviation(found: Deviation, rig: Rig | None = None) -> Check | None:
     """Judge whether a part lies within its tolerance about the model, without the farthest 0.3 %.
+
+    The risk of a wrong decision is the usual one.
 
     Parameters
     ----------
     found : Deviation
     rig : Rig, optional
         The rig that it was computed with.
-    risk : float
-        Probability of a wrong decision.
 
     Returns
     -------
@@ -331,7 +329,7 @@ def judge_deviation(
     if tolerance is None or not known:
         return None
     one = PartTolerance("deviation", "deviation_max", ("part",), None, tolerance, 0.0)
-    guard = NormalDist().inv_cdf(1.0 - risk)
+    guard = NormalDist().inv_cdf(1.0 - USUAL_RISK)
     for spot in find_spots(found):
         size = abs(spot.depth_mm)
         if size - guard * spot.sigma_mm > tolerance:
@@ -345,7 +343,7 @@ def judge_deviation(
     def budget(value: Quantified) -> tuple[Budget, None]:
         return budget_of(value, [part("")]), None
 
-    return _checked(one, lambda: deviation_max(part("")), risk, budget)
+    return _checked(one, lambda: deviation_max(part("")), USUAL_RISK, budget)
 
 
 def recipe_hash(recipe: Recipe) -> str:

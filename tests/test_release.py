@@ -117,7 +117,7 @@ def tree(tmp_path):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_bytes((ROOT / name).read_bytes())
     (tmp_path / "CHANGELOG.md").write_text(
-        "# Changes\n\n## 0.7.0 (2031-02-03)\n\nNew.\n\n### In detail\n\nMore.\n\n## 0.1.0 (2030-01-01)\n\nOld.\n"
+        "# Changes\n\n## 0.7.0 (2031-02-03)\n\nNew.\n\n## 0.1.0 (2030-01-01)\n\nOld.\n"
     )
     return tmp_path
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -245,6 +246,19 @@ def test_every_written_type_and_suffix_is_in_a_test_here():
     assert FORMATS["points"].suffixes == list(points.WRITERS)
     assert FORMATS["surface"].suffixes == list(surfaces.WRITERS)
     assert FORMATS["mesh"].suffixes == list(mesh_writer.SUFFIXES)
+
+
+def test_the_help_of_write_lists_the_suffixes_of_every_type():
+    text = " ".join(fw.write.__doc__.split())
+    kinds = re.findall(r"((?:\w+, )*\w+): ((?:``\.\w+``(?:, )?)+|a folder)", text)
+    listed = {
+        name: set(re.findall(r"\.\w+", suffixes))
+        for names, suffixes in kinds
+        for name in names.split(", ")
+    }
+    for one in FORMATS.values():
+        for name in one.types:
+            assert listed[name] == set(one.suffixes), name
 
 
 def test_calibrations_and_phases_with_more_than_is_read(tmp_path):

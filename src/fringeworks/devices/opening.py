@@ -164,9 +164,21 @@ def open_devices(projector: str, camera: str) -> tuple[Projector, Camera]:
         which one at either. ``virtual`` opens devices that exist in memory only, before the bust;
         ``virtual:SCENE`` before a scene of ``SCENES``.
 
+    Returns
+    -------
+    projector, camera
+        Both close with ``with``, or by ``close()``.
+
     Raises
     ------
     As ``open_camera``, and DeviceProblem where two devices that belong together are not named both.
+
+    Examples
+    --------
+    >>> projector, camera = open_devices("virtual:sphere", "virtual:sphere")
+    >>> with projector, camera:
+    ...     projector.size_px
+    (576, 360)
     """
     load_installed()
     (shows, _, one), (films, _, other) = (w.partition(":") for w in (projector, camera))

@@ -91,6 +91,15 @@ def fit(
     InputError for options that do not fit together, too few points, points in px, a body that is
     not found or that the points do not determine, and a region in which more than a tenth of the
     points lie off the body.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> directions = np.random.default_rng(0).normal(size=(2000, 3))
+    >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    >>> found = fit(25.0 * directions + [0.0, 0.0, 500.0], "sphere", diameter_mm=50.0)
+    >>> round(found.forms[0].parameters["radius_mm"], 6)
+    25.0
     """
     if count < 1 or (count > 1 and body != "sphere"):
         raise InputError(f"count: expected 1, or more for spheres, got {count}")

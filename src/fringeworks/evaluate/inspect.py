@@ -163,6 +163,21 @@ def inspect(
     inside by z s or more, fails if it is outside by as much, and is undecided between. A part that
     breaks its limit therefore passes with a probability of at most the risk, and one that keeps it
     fails with at most the same.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import fringeworks as fw
+    >>> height = np.tile(np.where(np.arange(80) < 40, 0.0, 10.0), (60, 1))
+    >>> sigma, reason = np.full(height.shape, 0.01), np.zeros(height.shape, np.uint8)
+    >>> part = fw.HeightMap(height, sigma, reason, "height", "mm", 1.0)
+    >>> areas = {
+    ...     "top": fw.evaluate.Area(box=(45, 5, 75, 55)),
+    ...     "base": fw.evaluate.Area(box=(5, 5, 35, 55)),
+    ... }
+    >>> step = fw.evaluate.PartTolerance("step", "step_height", ("top", "base"), 9.9, 10.1)
+    >>> inspect(part, fw.Recipe(areas=areas, tolerances=(step,))).verdict
+    'pass'
     """
     recipe = recipe if isinstance(recipe, Recipe) else read_recipe(recipe)
     started = time.perf_counter()

@@ -113,13 +113,15 @@ def write(path: StrPath, thing: Any, **options: Any) -> Path:
     ----------
     path : path
         PointCloud: ``.ply``, ``.xyz``, ``.npz``, ``.pcd``, ``.mcap``, ``.mat``, ``.csv``, ``.e57``,
-        ``.las``, ``.laz``. Points: the same without ``.npz`` and ``.mat``. HeightMap: ``.tif``,
-        ``.npz``, ``.ply``, ``.x3p``, ``.gsf``, ``.csv``. TriangleMesh: ``.stl``, ``.obj``,
-        ``.glb``, ``.3mf``, ``.ply``. Decoded: ``.npz``, ``.csv``. WrappedPhase, LightSeparation,
-        PixelCalibration: ``.npz``. Rig: ``.toml``, ``.xml``, ``.yml``, ``.yaml``. MultiRig,
-        Response, ReferencePlaneGeometry, PlaneCalibration, PatternPlan, Recipe, Setup,
-        StoredSetup: ``.toml``. Array of a frame: ``.png``, ``.tif``. Dictionary of figures:
-        ``.json``. Pair, Stack: a folder. Of a Measurement, MultiMeasurement or MergedPart the
+        ``.las``, ``.laz``, ``.vtp``, ``.vti``. Points: ``.ply``, ``.xyz``, ``.pcd``, ``.mcap``,
+        ``.csv``, ``.e57``, ``.las``, ``.laz``, ``.vtp``. HeightMap: ``.tif``, ``.tiff``, ``.npz``,
+        ``.ply``, ``.x3p``, ``.gsf``, ``.csv``, ``.vti``. TriangleMesh: ``.stl``, ``.obj``,
+        ``.glb``, ``.3mf``, ``.ply``, ``.vtp``. Decoded: ``.npz``, ``.csv``, ``.vti``, ``.mat``.
+        WrappedPhase, LightSeparation: ``.npz``. Rig: ``.toml``, ``.xml``, ``.yml``, ``.yaml``.
+        ReferencePlaneGeometry, PlaneCalibration, PixelCalibration: ``.toml``, ``.npz``, the latter
+        for those pixel by pixel. MultiRig, Response, PatternPlan, Recipe, Setup, SetupTests,
+        StoredSetup: ``.toml``. ndarray: ``.png``, ``.tif``, ``.tiff``, of a frame. dict: ``.json``,
+        of figures. Pair, Stack: a folder. Of a Measurement, MultiMeasurement or MergedPart the
         points are written, of a Reconstruction the surface, of a Calibration or MultiCalibration
         the rig.
     thing : one of these
@@ -138,6 +140,16 @@ def write(path: StrPath, thing: Any, **options: Any) -> Path:
     InputError for a thing of another type, and an option that its format does not have;
     FileProblem for a suffix that the thing cannot be written to, and where the folder cannot be
     written to.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import fringeworks as fw
+    >>> plan = fw.propose(1280, 800, 8)[0].plan
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     back = fw.read(fw.write(f"{folder}/plan.toml", plan))
+    >>> back == plan
+    True
     """
     part = MAIN_PARTS.get(type(thing).__name__)
     if part is not None:

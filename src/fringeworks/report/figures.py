@@ -50,9 +50,22 @@ def save_figure(figure: Figure, path: StrPath, *, provenance: Provenance | None 
     provenance : Provenance, optional
         Written into the file's metadata.
 
+    Returns
+    -------
+    The path.
+
     Raises
     ------
     FileProblem for another suffix, and where the folder cannot be written to.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import fringeworks as fw
+    >>> plan = fw.propose(640, 400, 4, axes=("x",), range_px={"x": 80.0})[0].plan
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_figure(plan.plot(), f"{folder}/plan.png").name
+    'plan.png'
     """
     path = Path(path)
     check_figure_target(path)

@@ -264,7 +264,7 @@ class PtpCamera(Camera, Protocol):
 
 
 class Closing:
-    """Mix-in of devices: a context manager that calls ``close``."""
+    """Mix-in of devices: a context manager that calls ``close``, and prints its name."""
 
     def close(self) -> None:
         """Release the device; again without effect."""
@@ -274,6 +274,9 @@ class Closing:
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {getattr(self, 'name', '')}>"
 
 
 def checked_picture(

@@ -194,8 +194,7 @@ def _() -> Functions:
     needs=_need_point_package,
 )
 def _() -> Functions:
-    from fringeworks.files.merged import write_merged_points
-    from fringeworks.files.points import read_point_file
+    from fringeworks.files.points import read_point_file, write_merged_points
     from fringeworks.types import Points
 
     def write(path: StrPath, points: Points) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from fringeworks.files.atomic import StrPath, check_target
-from fringeworks.types import InputError
+from fringeworks.types import FileProblem, InputError
 from fringeworks.types.packages import need_opencv
 
 ARCHIVE = ".npz"
@@ -77,9 +77,14 @@ class Format:
 
     def check(self, path: StrPath) -> None:
         """Refuse a file that cannot be written, before anything is computed for it."""
+        suffix = Path(path).suffix.lower()
         if self.suffixes:
             check_target(path, self.suffixes, self.advice)
-            self.needs(Path(path).suffix.lower())
+            self.needs(suffix)
+        elif any(suffix in one.suffixes for one in FORMATS.values()):
+            raise FileProblem(
+                f"{path}: expected a folder for {self.holds}, got the name of a file ({suffix})"
+            )
 
 
 FORMATS: dict[str, Format] = {}

@@ -267,7 +267,7 @@ def read_point_file(path: StrPath) -> Points | PointCloud:
     if suffix == ".xyz":
         return _read_xyz(path)
     if suffix not in TABLE_READERS:
-        expected = ", ".join([*TABLE_READERS, ".xyz", *SURFACE_READERS])
+        expected = ", ".join(dict.fromkeys([*TABLE_READERS, ".xyz", *SURFACE_READERS]))
         raise FileProblem(f"{path}: expected one of {expected}, got {suffix or 'no suffix'}")
     read = TABLE_READERS[suffix](path)
     with parsing(path, "points"):

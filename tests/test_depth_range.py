@@ -316,6 +316,9 @@ def test_the_command_line_measures_with_a_range(tmp_path):
     assert "the depth range of" in said.stdout + said.stderr
     made = fw.files.read_plan(plan)
     assert made.frames == 4
+    drawn = run("patterns", plan, "--out", tmp_path / "pictures").stdout
+    assert "coordinates along x repeat after" in drawn
+    assert "wrote 4 patterns" in drawn
     fw.files.write_stack(shots, list(stack(view("ball"), made, 0).frames), made)
     figures = tmp_path / "m.json"
     run("measure", shots, "--rig", rig, "--depth", depth, "--out", out, "--json", figures)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -151,6 +152,9 @@ def write(path: StrPath, thing: Any, **options: Any) -> Path:
     >>> back == plan
     True
     """
+    if not isinstance(path, (str, os.PathLike)):
+        got = type(path).__name__
+        raise InputError(f"path: expected a path, and after it what is written, got a {got} first")
     part = MAIN_PARTS.get(type(thing).__name__)
     if part is not None:
         thing = getattr(thing, part)

@@ -21,7 +21,7 @@ from fringeworks.report.drawing import (
 )
 from fringeworks.report.maps import DPI, draw_map, draw_sheet, limits_of
 from fringeworks.report.sheets import Panel, PanelKind, Sheet
-from fringeworks.types import FloatMap, Provenance
+from fringeworks.types import FloatMap, InputError, Provenance
 from fringeworks.types.numbers import number
 
 MAX_SURFACE_POINTS = 160
@@ -67,6 +67,10 @@ def save_figure(figure: Figure, path: StrPath, *, provenance: Provenance | None 
     ...     save_figure(plan.plot(), f"{folder}/plan.png").name
     'plan.png'
     """
+    if not hasattr(figure, "savefig"):
+        raise InputError(
+            f"figure: expected a figure, as .plot() returns, got {type(figure).__name__}"
+        )
     path = Path(path)
     check_figure_target(path)
     kind = path.suffix.lower()[1:]

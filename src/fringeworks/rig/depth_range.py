@@ -522,7 +522,12 @@ def depth_range_of(depth_mm: DepthRange | Sequence[float] | None, rig: Rig) -> D
 
 
 def _checked(depth_mm: Sequence[float]) -> tuple[float, float]:
-    values = tuple(float(z) for z in depth_mm)
+    try:
+        values = tuple(float(z) for z in depth_mm)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"depth range: expected two depths in mm, as (450, 560), got {depth_mm!r}"
+        ) from None
     if len(values) != 2 or not np.isfinite(values).all() or not 0.0 < values[0] < values[1]:
         got = ", ".join(f"{z:g}" for z in values)
         raise InputError(f"depth range: expected two depths in mm, 0 < near < far, got {got}")

@@ -323,6 +323,10 @@ def triangulate(
 
 
 def _chosen(decoded: Decoded, rig: Rig, axis: Axis | None) -> dict[Axis, CoordinateMap]:
+    if not isinstance(decoded, Decoded):
+        raise InputError(
+            f"decoded: expected Decoded, as decode returns, got {type(decoded).__name__}"
+        )
     maps = decoded.maps
     if axis is not None:
         if axis not in maps:

@@ -413,6 +413,8 @@ def test_one_photograph_given_twice_is_said():
 RIG = fw.simulate.standard_rig(scale=0.1)
 PROPOSED = fw.propose(160, 100, 9)
 BLACK = [np.zeros((4, 5), np.uint8)] * 9
+AHEAD = np.zeros((4, 4))
+AHEAD[2, 3] = 500.0
 
 
 @pytest.mark.parametrize(
@@ -437,3 +439,18 @@ BLACK = [np.zeros((4, 5), np.uint8)] * 9
 def test_what_is_handed_over_in_place_of_another_thing_is_named(call, words):
     with pytest.raises(fw.InputError, match=words):
         call()
+
+
+def test_what_measure_returns_goes_into_the_next_verbs(tmp_path):
+    plan = fw.simulate.fringe_plan(RIG, both=False)
+    ball = [fw.simulate.Body(fw.simulate.Sphere(30.0), np.eye(4) + AHEAD)]
+    stack = fw.Stack(list(fw.simulate.photograph(fw.simulate.look(RIG, ball), plan)), plan)
+    found = fw.measure(stack, RIG)
+    model = fw.write(tmp_path / "ball.stl", fw.surface.cloud_mesh(found.points))
+    assert fw.fit(found, "sphere").forms == fw.fit(found.points, "sphere").forms
+    assert fw.inspect(found, fw.Recipe()).surface == found.points
+    still = fw.evaluate.KnownPose(np.eye(4))
+    ways = [fw.deviation(part, model, align=still) for part in (found, found.points)]
+    np.testing.assert_array_equal(ways[0].distance_mm, ways[1].distance_mm)
+    with pytest.raises(fw.InputError, match="board: expected the board that turns with the part"):
+        fw.merge([found, found])

@@ -26,7 +26,7 @@ from fringeworks.files.recipe import read_recipe
 from fringeworks.files.rig import read_rig
 from fringeworks.pipeline.inputs import capture_of
 from fringeworks.pipeline.pairs import reconstruct
-from fringeworks.pipeline.stacks import measure
+from fringeworks.pipeline.stacks import Measurement, measure
 from fringeworks.rig.triangulate import Triangulator
 from fringeworks.stack.frames import Stack
 from fringeworks.types import (
@@ -132,7 +132,7 @@ class Inspection(Noted, Plotted, Frozen):
 
 
 def inspect(
-    capture: StrPath | Pair | Stack | HeightMap | PointCloud,
+    capture: StrPath | Pair | Stack | HeightMap | PointCloud | Measurement,
     recipe: Recipe | StrPath,
     *,
     draws: int = 0,
@@ -141,7 +141,7 @@ def inspect(
 
     Parameters
     ----------
-    capture : path of a capture, Pair, Stack; or a HeightMap or PointCloud measured before
+    capture : path of a capture, Pair, Stack; or a HeightMap, PointCloud or Measurement made before
     recipe : Recipe or path
     draws : int
         Number of draws of a Monte Carlo beside the budget of each quantity; 0 for none. A draw
@@ -299,9 +299,11 @@ def _why_undecided(found: Quantified, tolerance: PartTolerance, risk: float) -> 
 
 
 def _measured(
-    capture: StrPath | Pair | Stack | HeightMap | PointCloud, recipe: Recipe
+    capture: StrPath | Pair | Stack | HeightMap | PointCloud | Measurement, recipe: Recipe
 ) -> HeightMap | PointCloud:
     """The surface of a capture; one that was measured before as it is."""
+    if isinstance(capture, Measurement):
+        return capture.points
     if isinstance(capture, HeightMap | PointCloud):
         return capture
     found: Pair | Stack | tuple[Stack, ...]

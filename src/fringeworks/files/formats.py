@@ -25,6 +25,23 @@ CSV = ".csv"
 """Suffix of tables, which are told apart by the kind that they name."""
 POINT_SUFFIXES = (".e57", ".las", ".laz")
 """Files of points that packages read and write."""
+MAIN_PARTS = {
+    "Measurement": "points",
+    "MultiMeasurement": "points",
+    "MergedPart": "points",
+    "Reconstruction": "surface",
+    "Calibration": "rig",
+    "MultiCalibration": "rig",
+}
+"""Results of chains by the names of their types, and the part that a file holds. The types are
+defined in later rooms."""
+
+
+def main_part(thing: Any) -> Any:
+    """The part of a chain's result that a file holds, and that later stages take; any other thing
+    as it is."""
+    part = MAIN_PARTS.get(type(thing).__name__)
+    return thing if part is None else getattr(thing, part)
 
 
 class Functions(NamedTuple):

@@ -12,7 +12,7 @@ from fringeworks.files.capture import read_capture
 from fringeworks.files.capture_writer import UNFINISHED_FILE
 from fringeworks.files.exposures import is_exposures, read_exposures
 from fringeworks.files.folder import incomplete
-from fringeworks.files.formats import ARCHIVE, CSV, FORMATS, TOML, format_of
+from fringeworks.files.formats import ARCHIVE, CSV, FORMATS, TOML, format_of, main_part
 from fringeworks.files.images import TIFF_SUFFIXES
 from fringeworks.files.limits import existing_file, is_file, is_folder, parsing, told
 from fringeworks.files.pair import CAPTURE_FILE
@@ -26,17 +26,6 @@ CAPTURE_KINDS = ("pair", "stack", "exposures")
 """Kinds that the description in the folder of a capture names."""
 MOST_NAMES = 8
 """Names of arrays that a message lists."""
-
-MAIN_PARTS = {
-    "Measurement": "points",
-    "MultiMeasurement": "points",
-    "MergedPart": "points",
-    "Reconstruction": "surface",
-    "Calibration": "rig",
-    "MultiCalibration": "rig",
-}
-"""Results of chains by the names of their types, and the part that a file holds. The types are
-defined in later rooms."""
 
 
 def read(path: StrPath) -> Any:
@@ -155,9 +144,7 @@ def write(path: StrPath, thing: Any, **options: Any) -> Path:
     if not isinstance(path, (str, os.PathLike)):
         got = type(path).__name__
         raise InputError(f"path: expected a path, and after it what is written, got a {got} first")
-    part = MAIN_PARTS.get(type(thing).__name__)
-    if part is not None:
-        thing = getattr(thing, part)
+    thing = main_part(thing)
     one = format_of(type(thing))
     if one is None:
         known = ", ".join(name for one in FORMATS.values() for name in one.types)

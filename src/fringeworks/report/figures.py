@@ -67,12 +67,12 @@ def save_figure(figure: Figure, path: StrPath, *, provenance: Provenance | None 
     ...     save_figure(plan.plot(), f"{folder}/plan.png").name
     'plan.png'
     """
+    path = Path(path)
+    check_figure_target(path)
     if not hasattr(figure, "savefig"):
         raise InputError(
             f"figure: expected a figure, as .plot() returns, got {type(figure).__name__}"
         )
-    path = Path(path)
-    check_figure_target(path)
     kind = path.suffix.lower()[1:]
     origin = json_line(provenance)
     # Dates and random identifiers would make every file differ from the last.

@@ -17,7 +17,8 @@ import numpy as np
 from fringeworks.evaluate.area_points import AreaPoints, area_points
 from fringeworks.evaluate.inspect import decide
 from fringeworks.evaluate.quantified import Quantified
-from fringeworks.evaluate.tolerances.measure import measure_tolerance, prepared
+from fringeworks.evaluate.tolerances.measure import prepared
+from fringeworks.evaluate.tolerances.uncertain import quantified
 from fringeworks.rig.point_errors import point_errors
 from fringeworks.simulate.standard import standard_rig
 from fringeworks.types import PointCloud, Recipe, Rig
@@ -84,7 +85,7 @@ def measured(quantity: str, seed: int, *, rigs: bool = False) -> Outcome:
         rig = replace(standard_rig(scale=0.3), covariance=COVARIANCE)
         cloud = by_rig(cloud, rig, rng)
     of_area = areas_of(recipe, cloud, rig)
-    found = measure_tolerance(one.tolerance, recipe, of_area, of_area)
+    found = quantified(*prepared(one.tolerance, recipe, of_area, of_area))
     return Outcome(true, found, decide(found, replace(one.tolerance, high=true), RISK))
 
 

@@ -78,10 +78,9 @@ def disagreements(tag: str, root: Path = ROOT) -> list[str]:
 
 
 def screen(root: Path = ROOT) -> str:
-    """The first screen of the newest version's changes: the text of a release."""
+    """The newest version's changes: the text of a release."""
     changes = (root / "CHANGELOG.md").read_text(encoding="utf-8")
-    newest = re.split(r"^## .*\n", changes, flags=re.MULTILINE)[1]
-    return re.split(r"^### ", newest, maxsplit=1, flags=re.MULTILINE)[0].strip() + "\n"
+    return re.split(r"^## .*\n", changes, flags=re.MULTILINE)[1].strip() + "\n"
 
 
 def main() -> int:

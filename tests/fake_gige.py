@@ -52,7 +52,9 @@ class FakeCamera:
             (c.c_char_p, b"127.0.0.1"),
             (c.c_char_p, serial.encode()),
         )
-        self._library.set_number(self._camera, b"gvsp-lost-ratio", lost / 1000)
+        set_property = self._library._objects.g_object_set
+        set_property.argtypes = [HANDLE, c.c_char_p, c.c_double, c.c_void_p]
+        set_property(self._camera, b"gvsp-lost-ratio", lost / 1000, None)
         assert self._library.plain("arv_gv_fake_camera_is_running", c.c_int, (HANDLE, self._camera))
         self._fake = self._library.plain(
             "arv_gv_fake_camera_get_fake_camera", HANDLE, (HANDLE, self._camera)

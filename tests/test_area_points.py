@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from fringeworks import _core
-from fringeworks.evaluate.area_points import AreaPoints, Term, _slope, sigma_of
+from fringeworks.evaluate.area_points import AreaPoints, Term, _slope, shares_of
 from fringeworks.evaluate.quantities import narrowest_range
+from fringeworks.evaluate.shares import total
 from fringeworks.statistics.quantiles import SAMPLED, smallest
 from tests.oracles import area_points as twin
 
@@ -44,7 +45,7 @@ def test_errors_add_up_as_array_by_array(parts, turned):
         weights = rng.normal(size=(n, 2))[:, 0]
         terms.append(Term(area(rng, n, parts=parts), weights, direction))
     for some in (terms, terms[1:], [Term(terms[0].area.without_noise(), *terms[0][1:])]):
-        np.testing.assert_allclose(sigma_of(some), twin.sigma_of(some), rtol=1e-12)
+        np.testing.assert_allclose(total(shares_of(some)), twin.sigma_of(some), rtol=1e-12)
 
 
 def test_numbers_of_groups_that_are_none_are_refused():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from functools import lru_cache
 
 import numpy as np
@@ -219,6 +220,22 @@ def test_a_period_without_room_is_ambiguous_or_refused():
     assert fw.rig.DepthRange(RIG, (480.0, longest)).period_px("x") == pytest.approx(0.5 * span)
 
 
+@pytest.mark.parametrize(
+    ("range_mm", "unit"), [((48.0, 52.0), "in cm"), ((0.48, 0.52), "in m"), ((5e5, 6e5), "")]
+)
+def test_a_range_that_the_projector_does_not_light_is_refused_with_the_depths_that_it_does(
+    range_mm, unit
+):
+    plan = fw.patterns.propose_for_depth(RIG, (480.0, 520.0), 4)[0].plan
+    with pytest.raises(fw.InputError, match=r"the camera sees \d+ to \d+ mm lit") as refused:
+        fw.measure(stack(view("plane"), plan, 0), RIG, depth_mm=range_mm)
+    assert (f"given {unit}" in str(refused.value)) == bool(unit)
+    assert {"noise"} <= {f.kind for f in refused.value.findings}
+    depths_lit = re.search(r"sees (\d+) to (\d+) mm", str(refused.value)).groups()
+    lit = fw.rig.DepthRange(RIG, [float(z) for z in depths_lit])
+    assert lit.period_px("x") == pytest.approx(RIG.projector.width_px, abs=2.0)
+
+
 def test_the_interval_holds_the_coordinates_of_its_depths():
     depth, pixels = (470.0, 540.0), np.array([[3.0, 5.0], [80.0, 60.0], [150.0, 110.0]])
     for axis in ("x", "y"):
@@ -299,6 +316,9 @@ def test_the_command_line_measures_with_a_range(tmp_path):
     assert "the depth range of" in said.stdout + said.stderr
     made = fw.files.read_plan(plan)
     assert made.frames == 4
+    drawn = run("patterns", plan, "--out", tmp_path / "pictures").stdout
+    assert "coordinates along x repeat after" in drawn
+    assert "wrote 4 patterns" in drawn
     fw.files.write_stack(shots, list(stack(view("ball"), made, 0).frames), made)
     figures = tmp_path / "m.json"
     run("measure", shots, "--rig", rig, "--depth", depth, "--out", out, "--json", figures)

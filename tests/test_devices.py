@@ -320,3 +320,10 @@ def test_the_vendors_camera_captures(tmp_path):
         )
     with pytest.raises(DeviceProblem, match="Acme SN9: expected a camera that is connected"):
         open_camera("acme:SN9")
+
+
+def test_devices_print_their_names():
+    projector, camera = fw.open_devices("virtual:sphere", "virtual:sphere")
+    with projector, camera:
+        assert repr(projector) == "<VirtualProjector virtual>"
+        assert repr(camera) == "<VirtualCamera virtual>"

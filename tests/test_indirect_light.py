@@ -156,7 +156,11 @@ def test_sigma_is_the_scatter_over_captures():
 
 
 def test_without_a_black_frame_the_room_counts_as_indirect():
-    assert not separated((), black=False).has_black
+    without = separated((), black=False)
+    assert not without.has_black
+    (finding,) = [one for one in without.findings if one.kind == "room light"]
+    assert "no black frame" in finding.seen
+    assert "room light" not in {one.kind for one in separated(()).findings}
     bright = separated((), black=False, ambient=0.1)
     assert bright.indirect_share > separated((), ambient=0.1).indirect_share + 0.05
 

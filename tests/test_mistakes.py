@@ -408,3 +408,49 @@ def test_one_photograph_given_twice_is_said():
         f.kind for f in fw.reconstruct(fw.Pair(frame, np.roll(frame, 1, 0) + 1)).surface.findings
     ]
     assert "same frame" not in kinds
+
+
+RIG = fw.simulate.standard_rig(scale=0.1)
+PROPOSED = fw.propose(160, 100, 9)
+BLACK = [np.zeros((4, 5), np.uint8)] * 9
+AHEAD = np.zeros((4, 4))
+AHEAD[2, 3] = 500.0
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: list(fw.encode(PROPOSED[0])), "plan: .* got Proposal; a Proposal has one as its"),
+        (lambda: fw.decode(BLACK, PROPOSED), "plan: .* got list; a Proposal has one as its .plan"),
+        (lambda: fw.Stack(BLACK, PROPOSED[0]), "plan: .* got Proposal; a Proposal has one as its"),
+        (lambda: fw.Stack(BLACK, 9), "plan: expected a PatternPlan, got int$"),
+        (lambda: fw.write(RIG, "rig.toml"), "path: expected a path, .* got a Rig first"),
+        (
+            lambda: fw.capture("virtual", "virtual", PROPOSED[0].plan, "part"),
+            "projector: expected a Projector, as open_devices returns, got 'virtual'",
+        ),
+        (lambda: fw.save_figure(RIG, "a.png"), r"figure: expected a figure, as .plot\(\) returns"),
+        (lambda: fw.triangulate("part", RIG), "decoded: expected Decoded, as decode returns"),
+        (lambda: fw.rig.DepthRange(RIG, "450:560"), "two depths in mm, .* got '450:560'"),
+        (lambda: fw.rig.DepthRange(RIG, 450.0), "two depths in mm, .* got 450.0"),
+        (lambda: fw.Recipe(tolerances=("flat",)), "expected each as a PartTolerance, got str"),
+    ],
+)
+def test_what_is_handed_over_in_place_of_another_thing_is_named(call, words):
+    with pytest.raises(fw.InputError, match=words):
+        call()
+
+
+def test_what_measure_returns_goes_into_the_next_verbs(tmp_path):
+    plan = fw.simulate.fringe_plan(RIG, both=False)
+    ball = [fw.simulate.Body(fw.simulate.Sphere(30.0), np.eye(4) + AHEAD)]
+    stack = fw.Stack(list(fw.simulate.photograph(fw.simulate.look(RIG, ball), plan)), plan)
+    found = fw.measure(stack, RIG)
+    model = fw.write(tmp_path / "ball.stl", fw.surface.cloud_mesh(found.points))
+    assert fw.fit(found, "sphere").forms == fw.fit(found.points, "sphere").forms
+    assert fw.inspect(found, fw.Recipe()).surface == found.points
+    still = fw.evaluate.KnownPose(np.eye(4))
+    ways = [fw.deviation(part, model, align=still) for part in (found, found.points)]
+    np.testing.assert_array_equal(ways[0].distance_mm, ways[1].distance_mm)
+    with pytest.raises(fw.InputError, match="board: expected the board that turns with the part"):
+        fw.merge([found, found])

@@ -68,7 +68,11 @@ def test_a_word_that_opens_a_device_is_no_name():
             "measure a --rig r.toml --projector-name screen:1",
             "which opens a device; --projector of",
         ),
-        ("decode shots --camera left", "No such option: --camera (Possible options: --camera-name"),
+        (
+            "decode shots --camera left",
+            "No such option: --camera (Possible options: --camera-name)\n",
+        ),
+        ("decode shots --quiet", "No such option: --quiet; options of all commands stand before"),
         (
             "calibrate board --board chessboard:9x7:20 --out r.toml --camera left",
             "--camera: expected together with --live",

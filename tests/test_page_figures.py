@@ -215,3 +215,11 @@ def test_every_picture_has_a_program_that_draws_it():
         assert f'"{name}"' in (ROOT / program).read_text(encoding="utf-8"), name
     made = (ROOT / "Makefile").read_text(encoding="utf-8")
     assert all(program in made for program in MAKERS.values() if program.startswith("docs/"))
+
+
+def test_the_changes_of_a_version_are_one_screen():
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    for version in changes.split("\n## ")[1:]:
+        lines = version.splitlines()
+        assert len(lines) <= 50, "name what users see in a line, and describe it on its page"
+        assert max(map(len, lines)) <= 140

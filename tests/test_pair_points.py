@@ -12,7 +12,8 @@ from scipy import ndimage
 import fringeworks as fw
 from fringeworks.pipeline.pair_points import measure_pair
 from fringeworks.rig.pinhole import pose, rotation
-from fringeworks.rig.plane_coordinates import plane_coordinates
+from fringeworks.rig.plane_coordinates import surface_coordinates
+from fringeworks.rig.stated_plane import StatedPlane
 from fringeworks.simulate.bodies import Body, Plane, Sphere
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
@@ -66,15 +67,15 @@ def far_from_cliffs(name):
 
 
 def test_the_plane_is_predicted_as_the_camera_sees_it():
-    found = plane_coordinates(RIG, (0, 0, 2, 2 * WALL_MM), "x")
+    found = surface_coordinates(StatedPlane.of(RIG, (0, 0, 2, 2 * WALL_MM), "x"))
     truth = np.where(view("wall").lit, view("wall").projector_px[..., 0], np.nan)
     both = np.isfinite(truth) & np.isfinite(found.coordinate_px)
     assert both.mean() > 0.9
     np.testing.assert_allclose(found.coordinate_px[both], truth[both], atol=1e-9)
     with pytest.raises(InputError, match="plane: expected four numbers"):
-        plane_coordinates(RIG, (0, 0, 1), "x")
+        surface_coordinates(StatedPlane.of(RIG, (0, 0, 1), "x"))
     with pytest.raises(InputError, match="camera and projector see"):
-        plane_coordinates(RIG, (0, 0, 1, -500), "x")
+        surface_coordinates(StatedPlane.of(RIG, (0, 0, 1, -500), "x"))
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,7 @@ def test_dither_keeps_the_mean():
         (lambda: PhaseSteps("x", 20, (0.0, np.pi, 2 * np.pi, 3 * np.pi)), "differ modulo 360°"),
         (lambda: PhaseSteps("x", 20, (0.0, 1.0)), "expected 3 to 64, got 2"),
         (lambda: PhaseSteps("x", 1.5, equal_steps(3)), "expected 2 px or more"),
+        (lambda: PhaseSteps("x", 24.0, 4), r"expected a sequence, as equal_steps\(4\) returns"),
         (lambda: PhaseSteps("z", 20, equal_steps(3)), "expected x or y"),
         (lambda: equal_steps(2), "expected 3 to 64, got 2"),
         (lambda: GrayCode("x", 0.5, 40), "cells of 1 px or more"),

@@ -50,7 +50,10 @@ def test_both_axes():
         ({"frames": 12, "axes": ("z",)}, "axes: expected x, y or both"),
         ({"frames": 12, "noise": 0.0}, "noise: expected > 0"),
         ({"frames": 12, "modulation": -1.0}, "modulation: expected > 0"),
+        ({"frames": 12, "noise": 1e300}, "noise: expected .* times the modulation"),
+        ({"frames": 12, "modulation": 1e300}, "noise: expected .* times the modulation"),
         ({"frames": 12, "min_period_px": 1.0}, "2 px or more"),
+        ({"frames": 12, "min_period_px": np.inf}, "2 px or more"),
         ({"frames": 4, "noise": 40.0}, "expected more frames or light"),
     ],
 )

@@ -118,6 +118,8 @@ def test_what_does_not_fit_is_refused():
         fw.analyse(replace(pair, white=pair.white[:, 1:]))
     with pytest.raises(fw.InputError, match="black: expected less light than in the object frame"):
         fw.analyse(replace(pair, black=255.0))
+    with pytest.raises(fw.InputError, match="black: expected finite counts, got none"):
+        fw.analyse(replace(pair, black=np.nan))
     with pytest.raises(fw.InputError, match="below the sensor's limit"):
         fw.analyse(replace(pair, white=np.full(SHAPE, 255, np.uint8)))
 

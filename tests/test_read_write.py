@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -247,6 +249,19 @@ def test_every_written_type_and_suffix_is_in_a_test_here():
     assert FORMATS["mesh"].suffixes == list(mesh_writer.SUFFIXES)
 
 
+def test_the_help_of_write_lists_the_suffixes_of_every_type():
+    text = " ".join(fw.write.__doc__.split())
+    kinds = re.findall(r"((?:\w+, )*\w+): ((?:``\.\w+``(?:, )?)+|a folder)", text)
+    listed = {
+        name: set(re.findall(r"\.\w+", suffixes))
+        for names, suffixes in kinds
+        for name in names.split(", ")
+    }
+    for one in FORMATS.values():
+        for name in one.types:
+            assert listed[name] == set(one.suffixes), name
+
+
 def test_calibrations_and_phases_with_more_than_is_read(tmp_path):
     geometry = fw.pair.ReferencePlaneGeometry(500.0, 200.0)
     fw.write(tmp_path / "g.toml", fw.pair.PlaneCalibration(geometry, 1.0, 2.0, (0.1, 0.2)))
@@ -267,6 +282,7 @@ def test_calibrations_and_phases_with_more_than_is_read(tmp_path):
         ),
         ("a.ply", EXACT["x.npz"], "expected one of .npz, .csv, .vti, .mat, got .ply"),
         ("none/a.npz", CLOUD, "expected a writable folder, got none"),
+        ("a.ply", fw.Pair(FLAT, FLAT), r"expected a folder for a pair of frames, got .*\(.ply\)"),
         ("a.npz", object(), "expected one of Pair, Stack, .*, got object"),
         ("a.npz", None, "got NoneType"),
     ],
@@ -299,6 +315,26 @@ def test_what_cannot_be_read_is_told_in_a_sentence(name, content, words, tmp_pat
     (tmp_path / name).write_bytes(content)
     with pytest.raises(fw.InputError, match=words):
         fw.read(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("read", "name", "content", "words"),
+    [
+        (fw.files.read_stack, "a.ply", b"ply", "a.ply: expected one of .tif, .*, got .ply"),
+        (fw.files.read_stack, "a.png", b"", "a.png: expected a plan"),
+        (fw.files.read_cloud, "a.stl", b"solid", r"expected a point cloud \(.npz\), got .stl"),
+        (fw.files.read_rig, "a.toml", b"#" * 1_050_000, "TOML of at most 1 MB, got 1.01 MB"),
+        (fw.files.read_points, "a.foo", b"", "expected one of .ply, .pcd, .csv, [^c]*.gsf, got"),
+        (fw.files.read_tolerances, "a.foo", b"", r"expected .step or .stp, got a.foo; .*\(.qif\)"),
+        (partial(fw.files.read_study, quantity="a"), "a.csv", b"\x9d\x81", "expected text, got"),
+        (fw.files.read_recipe, "", b"", "expected TOML, got a folder"),
+    ],
+)
+def test_files_of_another_kind_are_named_by_what_they_are(read, name, content, words, tmp_path):
+    if name:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(fw.InputError, match=words):
+        read(tmp_path / name)
 
 
 def test_other_archives_and_missing_files(tmp_path):

@@ -117,7 +117,7 @@ def tree(tmp_path):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_bytes((ROOT / name).read_bytes())
     (tmp_path / "CHANGELOG.md").write_text(
-        "# Changes\n\n## 0.7.0 (2031-02-03)\n\nNew.\n\n### In detail\n\nMore.\n\n## 0.1.0 (2030-01-01)\n\nOld.\n"
+        "# Changes\n\n## 0.7.0 (2031-02-03)\n\nNew.\n\n## 0.1.0 (2030-01-01)\n\nOld.\n"
     )
     return tmp_path
 
@@ -357,3 +357,12 @@ def test_pages_say_what_they_were_last_tried_with():
         if blocks(page) or examples(text := page.read_text("utf-8")) or commands(text)
     ]
     assert {page.relative_to(ROOT / "docs").as_posix() for page in shown} <= set(pages)
+
+
+def test_the_page_of_the_crate_names_every_module():
+    crate = ROOT / "crates" / "fringeworks"
+    modules = set(re.findall(r"^pub mod (\w+);", (crate / "src/lib.rs").read_text(), re.M))
+    page = (crate / "README.md").read_text(encoding="utf-8")
+    text, links = page.split("\n[`Error`]: ")
+    assert modules <= set(re.findall(r"\[`(\w+)`\]", text))
+    assert modules <= set(re.findall(r"^\[`(\w+)`\]: https", links, re.M))

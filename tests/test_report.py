@@ -212,6 +212,8 @@ def test_what_is_no_result(tmp_path):
     np.savez(tmp_path / "x.npz", a=1)
     with pytest.raises(fw.FileProblem, match="got arrays named a"):
         fw.write_report(tmp_path / "r.html", tmp_path / "x.npz")
+    with pytest.raises(fw.InputError, match="every: expected a whole number of 1 or more, got -1"):
+        fw.write_report(tmp_path / "r.html", RIG, every=-1)
 
 
 def test_the_command(results, tmp_path, monkeypatch, capsys):

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fringeworks import InputError, PatternPlan, analyse, encode, reconstruct
+from fringeworks import InputError, PatternPlan, Stack, analyse, encode, reconstruct
 from fringeworks.cli.commands import run
 from fringeworks.files import read_plan, write_plan
 from fringeworks.files.images import read_frame
@@ -15,6 +15,7 @@ from fringeworks.files.response import read_response, write_response
 from fringeworks.files.stack import write_stack
 from fringeworks.pair import prepare
 from fringeworks.patterns import GrayCode, PhaseSteps, equal_steps
+from fringeworks.pipeline.stacks import measure_response as response_of
 from fringeworks.signal.gamma import gamma_of_frames, harmonic_distortion
 from fringeworks.signal.phase_table import phase_table
 from fringeworks.signal.response import (
@@ -123,6 +124,13 @@ def test_a_refused_response_is_not_written(tmp_path, capsys):
     assert run(words) == 2
     assert "the steps run the other way" in capsys.readouterr().err
     assert not (tmp_path / "response.toml").exists()
+
+
+def test_a_gray_code_that_only_fringes_could_be_compared_with_is_refused_with_what_to_add():
+    plan = PatternPlan(256, 8, (GrayCode("x", 4.0, 256), PhaseSteps("x", 64.0, equal_steps(4))))
+    stack = Stack(list(encode(plan)), plan)
+    with pytest.raises(InputError, match="expected inverse bits of the Gray code along x, or a w"):
+        response_of(stack, camera="left", projector="bench")
 
 
 def test_predistorted_pictures_make_light_that_is_a_cosine(tmp_path):

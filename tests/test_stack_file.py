@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 import tifffile
 
-from fringeworks import InputError, Reason, decode
-from fringeworks.files import read_coordinates, read_stack, write_coordinates, write_plan
+from fringeworks import InputError, PatternPlan, Reason, decode
+from fringeworks.files import (
+    read_coordinates,
+    read_stack,
+    write_coordinates,
+    write_patterns,
+    write_plan,
+)
 from fringeworks.files.images import write_frame
+from fringeworks.patterns import GrayCode, PhaseSteps, equal_steps
 from tests.commands import run
 from tests.stacks import guarded, multi, take
 
@@ -146,7 +153,12 @@ def test_commands_say_what_is_wrong(folder):
     refused = run("decode", folder, "--out", out, code=2).stderr
     assert "repeat after 75 px, but the projector has 300 px" in refused
     assert not out.exists()
-    assert "repeat" in run("patterns", folder / "plan.toml", "--out", folder / "p", code=2).stderr
+    drawn = run("patterns", folder / "plan.toml", "--out", folder / "p").stdout
+    assert "warning (whole periods): coordinates along x repeat after 75 px" in drawn
+    code = GrayCode("x", 100.0, 300)
+    wide = PatternPlan(300, 40, (PhaseSteps("x", 75.0, equal_steps(4)), code))
+    with pytest.raises(InputError, match="expected 100 px or more for Gray-code cells"):
+        write_patterns(folder / "q", wide)
 
 
 def test_response_is_measured_from_a_stack_and_taken_out(tmp_path):

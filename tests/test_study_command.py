@@ -83,6 +83,11 @@ def test_the_table_of_a_batch_is_read_by_the_names_of_its_scans(tmp_path):
     run("study", zarr, *asked)
 
 
+def test_a_folder_without_results_is_no_table(tmp_path):
+    done = commands.run("study", ".", cwd=tmp_path, code=2)
+    assert "summary.csv: expected a table (CSV), got no such file" in done.stderr
+
+
 def test_one_reference_and_several(tmp_path):
     rng = np.random.default_rng(3)
     one = write_table(tmp_path / "one.csv", [(v,) for v in rng.normal(20, 0.01, 50)], "value")

@@ -7,8 +7,9 @@ import pytest
 
 from fringeworks.evaluate.area_points import area_points
 from fringeworks.evaluate.tolerances.likely import _kinked, _root, _slanted, _smooth
-from fringeworks.evaluate.tolerances.measure import measure_tolerance, prepared
+from fringeworks.evaluate.tolerances.measure import prepared
 from fringeworks.evaluate.tolerances.skins import skin
+from fringeworks.evaluate.tolerances.uncertain import quantified
 from tests.tolerance_bodies import Case, cylinder, grid, zone
 
 NOISE = 0.01
@@ -28,7 +29,7 @@ def found(points, quantity="iso_flatness", seed=5, noise=NOISE, **options):
     def of_area(name):
         return area_points(cloud, recipe.areas[name])
 
-    return measure_tolerance(one.tolerance, recipe, of_area, of_area), (one, recipe, of_area)
+    return quantified(*prepared(one.tolerance, recipe, of_area, of_area)), (one, recipe, of_area)
 
 
 def slanted_ridge(size=0.1, turn=0.6):

@@ -14,9 +14,10 @@ from fringeworks.evaluate.tolerances import skins
 from fringeworks.evaluate.tolerances.association import associate
 from fringeworks.evaluate.tolerances.bodies import Body, everything, invariant, shared
 from fringeworks.evaluate.tolerances.datums import System
-from fringeworks.evaluate.tolerances.measure import measure_tolerance, prepared
+from fringeworks.evaluate.tolerances.measure import prepared
 from fringeworks.evaluate.tolerances.minimax import BOUND, _by_library, smallest_largest
 from fringeworks.evaluate.tolerances.smooth import smooth
+from fringeworks.evaluate.tolerances.uncertain import quantified
 from fringeworks.rig.pinhole import rotation
 from fringeworks.rig.point_errors import point_errors
 from fringeworks.simulate.standard import standard_rig
@@ -59,7 +60,7 @@ def true_value(one):
 def found(one, rng):
     recipe = one.recipe()
     of_area = areas_of(recipe, one.cloud(rng))
-    return measure_tolerance(one.tolerance, recipe, of_area, of_area)
+    return quantified(*prepared(one.tolerance, recipe, of_area, of_area))
 
 
 def test_the_smallest_largest_value_is_that_of_the_library():
@@ -164,7 +165,7 @@ def test_sigma_covers_the_calibration(quantity):
         moved = xyz + (errors @ rng.normal(size=errors.shape[2])).reshape(xyz.shape)
         cloud = replace(cloud, xyz_mm=moved.astype(np.float32))
         areas = {name: area_points(cloud, area, rig) for name, area in recipe.areas.items()}
-        measured = measure_tolerance(one.tolerance, recipe, areas.get, areas.get)
+        measured = quantified(*prepared(one.tolerance, recipe, areas.get, areas.get))
         over.append((measured.value - true) / measured.sigma)
     # Ten values know their scatter to 22 %.
     assert 0.4 < np.sqrt(np.mean(np.square(over))) < 1.7

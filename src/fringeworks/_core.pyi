@@ -55,7 +55,6 @@ __all__ = [
     "ripple_sums",
     "ripple_values",
     "robust_fit",
-    "row_envelopes",
     "row_extrema",
     "second_magnitudes",
     "similar_groups",
@@ -207,9 +206,6 @@ def wavelet_ridge_rows(
 def decompose_rows(
     rows: NDArray[np.float64], *, max_imfs: int, max_sifts: int, flat: float, patience: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint32], int]: ...
-def row_envelopes(
-    rows: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 def mark_isolated(
     coordinate: NDArray[np.float32],
     sigma: NDArray[np.float32],

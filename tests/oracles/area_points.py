@@ -11,7 +11,7 @@ from fringeworks.types import FloatMap
 
 
 def sigma_of(terms: Sequence[Term]) -> float:
-    """As ``area_points.sigma_of``."""
+    """The whole standard deviation, as ``area_points.shares_of`` has it in parts."""
     variance, blur = 0.0, 0.0
     by_rig: FloatMap | float = 0.0
     for area, weights, direction in terms:

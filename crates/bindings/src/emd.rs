@@ -42,16 +42,3 @@ pub fn decompose_rows<'py>(
         out.unfinished,
     ))
 }
-
-#[pyfunction]
-pub fn row_envelopes<'py>(
-    py: Python<'py>,
-    rows: PyReadonlyArray2<'py, f64>,
-) -> PyResult<(Map<'py, f64>, Map<'py, f64>)> {
-    let rows = image_of(&rows)?;
-    let (upper, lower) = detached(py, || emd::row_envelopes(rows))?;
-    Ok((
-        array_of(py, rows.shape(), upper),
-        array_of(py, rows.shape(), lower),
-    ))
-}

@@ -33,7 +33,7 @@ mod _core {
     #[pymodule_export]
     use super::edges::{blur_shift, edge_rings};
     #[pymodule_export]
-    use super::emd::{decompose_rows, row_envelopes};
+    use super::emd::decompose_rows;
     #[pymodule_export]
     use super::filters::{
         area_means, box_means, interpolate_linear, median_of_nine, moving_means, weighted_sums,

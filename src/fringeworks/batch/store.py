@@ -62,8 +62,7 @@ class Store:
         self.excel = excel
         self.zarr = self.folder.suffix == ".zarr"
         # Nothing but Zarr's own files lies in its folder: readers complain about others.
-        beside = self.folder.with_suffix(".csv")
-        self.summary = beside if self.zarr else self.folder / "summary.csv"
+        self.summary = self.folder.with_suffix(".csv") if self.zarr else self.folder / "summary.csv"
         """A row for each scan of the batch, as CSV."""
 
     def begin(self, about: Mapping[str, Any]) -> None:

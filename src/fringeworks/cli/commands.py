@@ -29,8 +29,9 @@ def run(arguments: Sequence[str]) -> int:
         return output.fail(str(error), error.findings)
     except TyperException as error:
         message = error.format_message().replace("Value error, ", "")
-        if "No such option" in message:
-            message += " Options of all commands, such as --quiet, stand before the command."
+        unknown = getattr(error, "option_name", None)
+        if any(unknown in one.opts for one in typer.main.get_command(face.app).params):
+            message = f"No such option: {unknown}; options of all commands stand before the command"
         return output.fail(message)
     except typer.Abort:
         return 130

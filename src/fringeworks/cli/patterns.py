@@ -226,6 +226,8 @@ def patterns(
     force: Force = False,
 ) -> None:
     """Draw the pictures of a plan in the order of projection."""
+    from fringeworks.files.plan import repeating
+
     output.check_folder(out)
     layout = fw.files.read_plan(plan_file)
     if response is not None:
@@ -239,4 +241,6 @@ def patterns(
                 out, layout, stack=stack, force=force, progress=progress
             )
     place = out if len(written) > 1 else written[0]
-    output.Output().say(f"wrote {layout.pictures} patterns to {place}")
+    words = output.Output()
+    words.found(repeating(layout))
+    words.say(f"wrote {layout.pictures} patterns to {place}")

@@ -70,12 +70,6 @@ class Aravis:
         self._objects.g_object_unref.argtypes = [HANDLE]
         self._objects.g_object_unref(handle)
 
-    def set_number(self, handle: Any, name: bytes, value: float) -> None:
-        """Set a property of an object that is a floating-point number."""
-        function = self._objects.g_object_set
-        function.argtypes = [HANDLE, c.c_char_p, c.c_double, c.c_void_p]
-        function(handle, name, value, None)
-
     def words(self, name: str, handle: Any) -> tuple[str, ...]:
         """Call a function that returns a list of words and their number."""
         count = c.c_uint()

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.devices.protocols import Closing
+from fringeworks.devices.protocols import CameraLimits, Closing
 from fringeworks.types import DeviceProblem
 
 T = TypeVar("T")
@@ -262,7 +262,20 @@ class FromReader(Closing):
     """Mix-in of cameras whose frames a reader takes, in ``_reader``."""
 
     _reader: FrameReader
+    _name: str
+    _size_px: tuple[int, int]
     _colours = False
+
+    @property
+    def name(self) -> str:
+        """The kind and which one, or the address; without a password."""
+        return self._name
+
+    def limits(self) -> CameraLimits:
+        """Frame size and rate, where no limits of exposure and gain are known."""
+        return CameraLimits(
+            *self._size_px, pixel_formats=(self._format,), frame_s=self._reader.period_s
+        )
 
     @property
     def _format(self) -> str:

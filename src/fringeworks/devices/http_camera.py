@@ -17,7 +17,7 @@ from PIL import Image
 from fringeworks.devices.frame_reader import FrameReader, FromReader
 from fringeworks.devices.http_password import Password
 from fringeworks.devices.pixel_formats import Channel
-from fringeworks.devices.protocols import CameraLimits, Grab
+from fringeworks.devices.protocols import Grab
 from fringeworks.files.limits import told
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, Region
 
@@ -293,17 +293,6 @@ class HttpCamera(FromReader):
             return HttpSource(address)
         except DeviceProblem as error:
             raise DeviceProblem(f"{self._name}: {error}") from error
-
-    @property
-    def name(self) -> str:
-        """The address, without a password."""
-        return self._name
-
-    def limits(self) -> CameraLimits:
-        """Frame size and rate."""
-        return CameraLimits(
-            *self._size_px, pixel_formats=(self._format,), frame_s=self._reader.period_s
-        )
 
     def configure(self, settings: CameraSettings) -> CameraSettings:
         """Return the frame size as the region; nothing can be set.

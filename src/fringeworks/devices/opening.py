@@ -160,13 +160,28 @@ def open_devices(projector: str, camera: str) -> tuple[Projector, Camera]:
     Parameters
     ----------
     projector, camera : str
-        As for ``open_projector`` and ``open_camera``, or a kind of ``scanner_kind`` for both, with
-        which one at either. ``virtual`` opens devices that exist in memory only, before the bust;
-        ``virtual:SCENE`` before a scene of ``SCENES``.
+        As for ``open_projector`` and ``open_camera``, such as ``screen:1`` and ``webcam:0``; or a
+        kind of ``scanner_kind`` for both, with which one at either. ``virtual`` opens devices that
+        exist in memory only, before the bust; ``virtual:SCENE`` before a scene of
+        ``virtual_bench``. Their rig is ``fringeworks.devices.virtual_rig()``. ``list_devices``
+        says what is there.
+
+    Returns
+    -------
+    projector, camera
+        Both close with ``with``, or by ``close()``.
 
     Raises
     ------
     As ``open_camera``, and DeviceProblem where two devices that belong together are not named both.
+
+    Examples
+    --------
+    >>> projector, camera = open_devices("virtual:sphere", "virtual:sphere")
+    >>> projector.size_px
+    (576, 360)
+    >>> projector.close(), camera.close()
+    (None, None)
     """
     load_installed()
     (shows, _, one), (films, _, other) = (w.partition(":") for w in (projector, camera))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import time
 from multiprocessing import AuthenticationError
 from multiprocessing.connection import Client, Connection
 from pathlib import Path
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fringeworks.devices.http_camera import grey_of
-from fringeworks.devices.protocols import CameraLimits, Closing, Grab
+from fringeworks.devices.protocols import CameraLimits, Grab, TakenWhenAsked
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, Region
 
 RENDEZVOUS = "phone.json"
@@ -32,7 +31,7 @@ OPEN_PAGE = "open the studio's page /phone on it"
 """What to do where no phone is there."""
 
 
-class PhoneCamera(Closing):
+class PhoneCamera(TakenWhenAsked):
     """A phone whose browser shows the page ``/phone`` of a studio.
 
     Parameters
@@ -53,9 +52,6 @@ class PhoneCamera(Closing):
     def __init__(self, folder: str) -> None:
         self._name = "phone"
         self._link: Connection | None = None
-        self._count = 0
-        self._size_px: tuple[int, int] | None = None
-        self._ahead: Grab | None = None
         self._link = _connected(folder)
         try:
             told = self._asked({"what": "state"})[0]
@@ -103,11 +99,7 @@ class PhoneCamera(Closing):
         region = None if self._size_px is None else Region(0, 0, *self._size_px)
         return CameraSettings(used, None, region, FORMAT, False)
 
-    def grab(self, timeout_s: float = 5.0) -> Grab:
-        """Take a picture and return it; see ``Camera.grab``."""
-        if self._ahead is not None:
-            ahead, self._ahead = self._ahead, None
-            return ahead
+    def _taken(self, timeout_s: float) -> Grab:
         order = {"what": "take", "timeout_s": max(timeout_s, TAKE_S)}
         _, content = self._asked(order)
         image = _decoded(content)
@@ -116,29 +108,13 @@ class PhoneCamera(Closing):
             shape = self._size_px[::-1] if self._size_px else (1, 1)
             return self._grabbed(np.zeros(shape, np.uint8), False)
         self._size_px = image.shape[1], image.shape[0]
-        return self._grabbed(image, True)
-
-    def waiting(self) -> int:
-        """Number of frames that were taken and not returned: frames are taken when asked for."""
-        return int(self._ahead is not None)
-
-    def discard(self) -> None:
-        """Forget a picture that was not returned yet."""
-        self._ahead = None
+        return self._grabbed(image)
 
     def close(self) -> None:
         """Leave the phone to others; again without effect."""
         if self._link is not None:
             self._link.close()
             self._link = None
-
-    def _grabbed(self, grey: NDArray[np.uint8], complete: bool) -> Grab:
-        self._count += 1
-        return Grab(grey, time.monotonic(), None, self._count - 1, complete)
-
-    def _sized(self) -> None:
-        if self._size_px is None:
-            self._ahead = self.grab()
 
     def _asked(self, order: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
         """The studio's answer, and the picture that comes with it."""

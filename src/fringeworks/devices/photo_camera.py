@@ -7,17 +7,14 @@ import re
 import shutil
 import subprocess
 import tempfile
-import time
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fringeworks.devices.folder_camera import whole_counts
 from fringeworks.devices.pixel_formats import Channel
-from fringeworks.devices.protocols import CameraLimits, Closing, Grab
+from fringeworks.devices.protocols import CameraLimits, Grab, TakenWhenAsked
 from fringeworks.files.images import IMAGE_SUFFIXES
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, MissingPackage, Region
 
@@ -35,7 +32,7 @@ SHUTTER = "shutterspeed"
 """Name of the exposure among the program's settings."""
 
 
-class PhotoCamera(Closing):
+class PhotoCamera(TakenWhenAsked):
     """A photo camera that takes a picture when a frame is asked for.
 
     Parameters
@@ -61,10 +58,7 @@ class PhotoCamera(Closing):
         _need_program()
         self._port = ["--port", port] if port else []
         self._folder: tempfile.TemporaryDirectory[str] | None = None
-        self._size_px: tuple[int, int] | None = None
-        self._count = 0
         self._exposure_ms: float | None = None
-        self._ahead: Grab | None = None
         self._colours = False
         self._name = self._model() or self._name
         self._folder = tempfile.TemporaryDirectory(prefix="fringeworks-photo-")
@@ -111,12 +105,8 @@ class PhotoCamera(Closing):
         """Deliver frames in colour or in grey; see ``ColourCamera.deliver_colours``."""
         self._colours, self._ahead = wanted, None
 
-    def grab(self, timeout_s: float = 5.0) -> Grab:
-        """Take a photograph and return it; see ``Camera.grab``."""
+    def _taken(self, timeout_s: float) -> Grab:
         del timeout_s  # The program has its own, which is longer.
-        if self._ahead is not None:
-            ahead, self._ahead = self._ahead, None
-            return ahead
         if self._folder is None:
             raise DeviceProblem(f"{self.name}: expected an open camera, got a closed one")
         place = Path(self._folder.name)
@@ -132,30 +122,14 @@ class PhotoCamera(Closing):
         finally:
             for path in taken:
                 path.unlink()
-        return self._grabbed(frame)
-
-    def waiting(self) -> int:
-        """Number of frames that were taken and not returned: frames are taken when asked for."""
-        return int(self._ahead is not None)
-
-    def discard(self) -> None:
-        """Forget a photograph that was not returned yet."""
-        self._ahead = None
+        self._size_px = frame.shape[1], frame.shape[0]
+        return self._grabbed(np.ascontiguousarray(frame))
 
     def close(self) -> None:
         """Delete temporary files; again without effect."""
         if self._folder is not None:
             self._folder.cleanup()
             self._folder = None
-
-    def _grabbed(self, frame: NDArray[Any]) -> Grab:
-        self._size_px = frame.shape[1], frame.shape[0]
-        self._count += 1
-        return Grab(np.ascontiguousarray(frame), time.monotonic(), None, self._count - 1)
-
-    def _sized(self) -> None:
-        if self._size_px is None:
-            self._ahead = self.grab()
 
     def _model(self) -> str:
         """Model by the program's list: a line of it and its port for each camera."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, Self, runtime_checkable
 
@@ -264,7 +265,7 @@ class PtpCamera(Camera, Protocol):
 
 
 class Closing:
-    """Mix-in of devices: a context manager that calls ``close``."""
+    """Mix-in of devices: a context manager that calls ``close``, and prints its name."""
 
     def close(self) -> None:
         """Release the device; again without effect."""
@@ -274,6 +275,45 @@ class Closing:
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {getattr(self, 'name', '')}>"
+
+
+class TakenWhenAsked(Closing):
+    """Mix-in of cameras that take a frame when they are asked for one, which ``grab`` returns."""
+
+    _size_px: tuple[int, int] | None = None
+    _count = 0
+    _ahead: Grab | None = None
+    """A frame that was taken to learn its size, and not returned yet."""
+
+    def grab(self, timeout_s: float = 5.0) -> Grab:
+        """Take a frame and return it; see ``Camera.grab``."""
+        if self._ahead is not None:
+            ahead, self._ahead = self._ahead, None
+            return ahead
+        return self._taken(timeout_s)
+
+    def waiting(self) -> int:
+        """Number of frames that were taken and not returned: frames are taken when asked for."""
+        return int(self._ahead is not None)
+
+    def discard(self) -> None:
+        """Forget a frame that was not returned yet."""
+        self._ahead = None
+
+    def _taken(self, timeout_s: float) -> Grab:
+        """Take a frame."""
+        raise NotImplementedError
+
+    def _sized(self) -> None:
+        if self._size_px is None:
+            self._ahead = self.grab()
+
+    def _grabbed(self, frame: NDArray[Any], complete: bool = True) -> Grab:
+        self._count += 1
+        return Grab(frame, time.monotonic(), None, self._count - 1, complete)
 
 
 def checked_picture(

@@ -150,11 +150,6 @@ class RaspberryCamera(FromReader):
         assert image is not None
         self._size_px = image.shape[1], image.shape[0]
 
-    @property
-    def name(self) -> str:
-        """``picamera`` and its number."""
-        return self._name
-
     def limits(self) -> CameraLimits:
         """Frame size and rate, limits of exposure and gain."""
         assert self._source is not None

@@ -50,6 +50,11 @@ def load_plugin(path: str | os.PathLike[str]) -> list[str]:
     Raises
     ------
     InputError where there is no such file, it fails, it registers nothing, or a name is taken.
+
+    Notes
+    -----
+    ``fringeworks.method``, ``devices.camera_kind``, ``projector_kind`` and ``scanner_kind``
+    register. ``examples/own_method.py`` and ``examples/vendor_camera.py`` are such files.
     """
     # The package's own register first, so that nobody takes their names.
     import fringeworks.devices.kinds

@@ -116,17 +116,6 @@ class WebcamCamera(FromReader):
             raise DeviceProblem(f"{self._name}: expected a frame that can be decoded, got another")
         self._size_px = image.shape[1], image.shape[0]
 
-    @property
-    def name(self) -> str:
-        """``webcam`` and its number or path; ``video`` and the path for a file."""
-        return self._name
-
-    def limits(self) -> CameraLimits:
-        """Frame size and rate; OpenCV tells no limits of exposure and gain."""
-        return CameraLimits(
-            *self._size_px, pixel_formats=(self._format,), frame_s=self._reader.period_s
-        )
-
     def configure(self, settings: CameraSettings) -> CameraSettings:
         """Change settings; see ``Camera.configure``.
 

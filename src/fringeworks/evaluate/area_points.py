@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.evaluate.shares import Share, Shares, scaled, total
+from fringeworks.evaluate.shares import Share, Shares, scaled
 from fringeworks.evaluate.tolerances.neighbours import Neighbours, neighbours
 from fringeworks.rig.point_errors import point_errors
 from fringeworks.surface.section import organised_points, places
@@ -168,13 +168,8 @@ class Term(NamedTuple):
     """(3,), or (n, 3) for a direction of each point; of length 1."""
 
 
-def sigma_of(terms: Sequence[Term]) -> float:
-    """Return the standard deviation of a quantity that changes linearly with its points."""
-    return total(shares_of(terms))
-
-
 def shares_of(terms: Sequence[Term]) -> Shares:
-    """Return the parts of the standard deviation of such a quantity.
+    """Return the parts of the standard deviation of a quantity that is linear in its points.
 
     Notes
     -----

@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 from fringeworks.evaluate.measured_part import MeasuredPart, measured_part, named_model, named_part
 from fringeworks.evaluate.other_models import other_models
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.formats import main_part
 from fringeworks.files.rig import read_rig
+from fringeworks.pipeline.merging import MergedPart
+from fringeworks.pipeline.stacks import Measurement
 from fringeworks.rig.pinhole import transform
 from fringeworks.surface.closest import MeshDistance, Nearest
 from fringeworks.types import (
@@ -206,7 +209,7 @@ class Deviation(Noted, Plotted, Frozen):
 
 
 def deviation(
-    part: PointCloud | Points | TriangleMesh | StrPath,
+    part: PointCloud | Points | TriangleMesh | Measurement | MergedPart | StrPath,
     model: TriangleMesh | StrPath,
     *,
     align: AlignBy | None = None,
@@ -221,7 +224,7 @@ def deviation(
 
     Parameters
     ----------
-    part : PointCloud, Points, TriangleMesh or path
+    part : PointCloud, Points, TriangleMesh, Measurement, MergedPart or path
         What was measured; a path of a cloud (``.npz``) or of points (``.ply``, ``.xyz``). Filled
         vertices of a mesh were not measured and are left out.
     model : TriangleMesh or path
@@ -276,7 +279,7 @@ def deviation(
     """
     align = BestFit() if align is None else align
     known = rig if isinstance(rig, Rig) or rig is None else read_rig(rig)
-    surface, source = named_part(part)
+    surface, source = named_part(main_part(part))
     drawn, drawn_source = named_model(model)
     wanted = _wanted(drawn, faces)
     mesh = MeshDistance(drawn)

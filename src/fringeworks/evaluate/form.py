@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.formats import main_part
 from fringeworks.files.points import cloud_points, read_points, surface_points
 from fringeworks.files.provenance import source_of
+from fringeworks.pipeline.merging import MergedPart
+from fringeworks.pipeline.stacks import Measurement
 from fringeworks.surface.form import DISCARDED, Form, fit_region
 from fringeworks.surface.form_geometry import BodyKind
 from fringeworks.surface.form_report import find_spheres
@@ -55,7 +58,7 @@ class FormEvaluation(Noted, Frozen):
 
 
 def fit(
-    points: Points | PointCloud | HeightMap | FloatMap | StrPath,
+    points: Points | PointCloud | HeightMap | Measurement | MergedPart | FloatMap | StrPath,
     body: BodyKind,
     *,
     diameter_mm: float | None = None,
@@ -67,7 +70,7 @@ def fit(
 
     Parameters
     ----------
-    points : Points, PointCloud, HeightMap in mm, (n, 3) array in mm, or path
+    points : Points, PointCloud, Measurement, MergedPart, HeightMap or (n, 3) array in mm, or path
         A file of points or a height map. Their common error, such as that of the calibration, is
         part of the radius's σ where they carry it.
     body : "plane", "sphere" or "cylinder"
@@ -91,6 +94,15 @@ def fit(
     InputError for options that do not fit together, too few points, points in px, a body that is
     not found or that the points do not determine, and a region in which more than a tenth of the
     points lie off the body.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> directions = np.random.default_rng(0).normal(size=(2000, 3))
+    >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    >>> found = fit(25.0 * directions + [0.0, 0.0, 500.0], "sphere", diameter_mm=50.0)
+    >>> round(found.forms[0].parameters["radius_mm"], 6)
+    25.0
     """
     if count < 1 or (count > 1 and body != "sphere"):
         raise InputError(f"count: expected 1, or more for spheres, got {count}")
@@ -98,7 +110,7 @@ def fit(
         raise InputError(f"spacing: expected with two spheres, got it with {count}")
     if spacing_mm is not None and not 0 < spacing_mm < np.inf:
         raise InputError(f"spacing: expected > 0 mm, got {spacing_mm}")
-    found, sources = _points_of(points)
+    found, sources = _points_of(main_part(points))
     xyz, common = found.xyz_mm, _common_error(found)
     if within is not None:
         inside = _cut(xyz, within)

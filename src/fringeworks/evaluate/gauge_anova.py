@@ -215,7 +215,7 @@ def interval_of(draws: FloatMap) -> Interval:
     return float(low), float(high)
 
 
-def as_values(values: Any, name: str, axes: int = 1) -> FloatMap:
+def as_values(values: Any, name: str) -> FloatMap:
     """Return measured values as an array, which must be finite.
 
     Raises
@@ -224,7 +224,7 @@ def as_values(values: Any, name: str, axes: int = 1) -> FloatMap:
     """
     try:
         known = np.asarray(unmasked(values, name))
-        shape_ok = known.ndim == axes and known.size > 0 and known.dtype.kind in "fiu"
+        shape_ok = known.ndim == 1 and known.size > 0 and known.dtype.kind in "fiu"
     except InputError:
         raise
     except ValueError:

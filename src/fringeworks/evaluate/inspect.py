@@ -26,7 +26,7 @@ from fringeworks.files.recipe import read_recipe
 from fringeworks.files.rig import read_rig
 from fringeworks.pipeline.inputs import capture_of
 from fringeworks.pipeline.pairs import reconstruct
-from fringeworks.pipeline.stacks import measure
+from fringeworks.pipeline.stacks import Measurement, measure
 from fringeworks.rig.triangulate import Triangulator
 from fringeworks.stack.frames import Stack
 from fringeworks.types import (
@@ -132,7 +132,7 @@ class Inspection(Noted, Plotted, Frozen):
 
 
 def inspect(
-    capture: StrPath | Pair | Stack | HeightMap | PointCloud,
+    capture: StrPath | Pair | Stack | HeightMap | PointCloud | Measurement,
     recipe: Recipe | StrPath,
     *,
     draws: int = 0,
@@ -141,7 +141,7 @@ def inspect(
 
     Parameters
     ----------
-    capture : path of a capture, Pair, Stack; or a HeightMap or PointCloud measured before
+    capture : path of a capture, Pair, Stack; or a HeightMap, PointCloud or Measurement made before
     recipe : Recipe or path
     draws : int
         Number of draws of a Monte Carlo beside the budget of each quantity; 0 for none. A draw
@@ -163,6 +163,21 @@ def inspect(
     inside by z s or more, fails if it is outside by as much, and is undecided between. A part that
     breaks its limit therefore passes with a probability of at most the risk, and one that keeps it
     fails with at most the same.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import fringeworks as fw
+    >>> height = np.tile(np.where(np.arange(80) < 40, 0.0, 10.0), (60, 1))
+    >>> sigma, reason = np.full(height.shape, 0.01), np.zeros(height.shape, np.uint8)
+    >>> part = fw.HeightMap(height, sigma, reason, "height", "mm", 1.0)
+    >>> areas = {
+    ...     "top": fw.evaluate.Area(box=(45, 5, 75, 55)),
+    ...     "base": fw.evaluate.Area(box=(5, 5, 35, 55)),
+    ... }
+    >>> step = fw.evaluate.PartTolerance("step", "step_height", ("top", "base"), 9.9, 10.1)
+    >>> inspect(part, fw.Recipe(areas=areas, tolerances=(step,))).verdict
+    'pass'
     """
     recipe = recipe if isinstance(recipe, Recipe) else read_recipe(recipe)
     started = time.perf_counter()
@@ -284,9 +299,11 @@ def _why_undecided(found: Quantified, tolerance: PartTolerance, risk: float) -> 
 
 
 def _measured(
-    capture: StrPath | Pair | Stack | HeightMap | PointCloud, recipe: Recipe
+    capture: StrPath | Pair | Stack | HeightMap | PointCloud | Measurement, recipe: Recipe
 ) -> HeightMap | PointCloud:
     """The surface of a capture; one that was measured before as it is."""
+    if isinstance(capture, Measurement):
+        return capture.points
     if isinstance(capture, HeightMap | PointCloud):
         return capture
     found: Pair | Stack | tuple[Stack, ...]
@@ -307,18 +324,16 @@ def _measured(
     return measure(found, _triangulator(rig_of(recipe)), **recipe.options).points
 
 
-def judge_deviation(
-    found: Deviation, rig: Rig | None = None, *, risk: float = USUAL_RISK
-) -> Check | None:
+def judge_deviation(found: Deviation, rig: Rig | None = None) -> Check | None:
     """Judge whether a part lies within its tolerance about the model, without the farthest 0.3 %.
+
+    The risk of a wrong decision is the usual one.
 
     Parameters
     ----------
     found : Deviation
     rig : Rig, optional
         The rig that it was computed with.
-    risk : float
-        Probability of a wrong decision.
 
     Returns
     -------
@@ -331,7 +346,7 @@ def judge_deviation(
     if tolerance is None or not known:
         return None
     one = PartTolerance("deviation", "deviation_max", ("part",), None, tolerance, 0.0)
-    guard = NormalDist().inv_cdf(1.0 - risk)
+    guard = NormalDist().inv_cdf(1.0 - USUAL_RISK)
     for spot in find_spots(found):
         size = abs(spot.depth_mm)
         if size - guard * spot.sigma_mm > tolerance:
@@ -345,7 +360,7 @@ def judge_deviation(
     def budget(value: Quantified) -> tuple[Budget, None]:
         return budget_of(value, [part("")]), None
 
-    return _checked(one, lambda: deviation_max(part("")), risk, budget)
+    return _checked(one, lambda: deviation_max(part("")), USUAL_RISK, budget)
 
 
 def recipe_hash(recipe: Recipe) -> str:

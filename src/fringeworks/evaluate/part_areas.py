@@ -135,7 +135,7 @@ class PartAreas:
         return budget_of(found, areas, self.recipe.uncertainty)
 
     def monte_carlo(
-        self, one: PartTolerance, found: Quantified, budget: Budget, *, draws: int, seed: int = 0
+        self, one: PartTolerance, found: Quantified, budget: Budget, *, draws: int
     ) -> MonteCarlo:
         """Return what Monte Carlo makes of a quantity that was measured."""
         zone = self._zone(one)
@@ -146,9 +146,7 @@ class PartAreas:
             areas = self._of(one)
             return draw_quantity(one.quantity, areas, count, random, freed=found.noise > 0)
 
-        return monte_carlo_of(
-            draw, found, budget, draws=draws, seed=seed, recentred=zone is not None
-        )
+        return monte_carlo_of(draw, found, budget, draws=draws, seed=0, recentred=zone is not None)
 
 
 def _wanted(surface: HeightMap | PointCloud, recipe: Recipe) -> BoolMap | None:

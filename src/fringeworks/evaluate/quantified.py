@@ -114,7 +114,6 @@ def freed_range(
     noise: FloatMap,
     range_of: Callable[[FloatMap], float],
     shares: Shares,
-    unit: str = "mm",
     like_noise: Callable[[np.random.Generator], FloatMap] | None = None,
 ) -> Quantified:
     """Return a range of values without what noise adds to it.
@@ -122,7 +121,7 @@ def freed_range(
     Parameters
     ----------
     values : (n,) array
-        Measured values.
+        Measured values, mm.
     noise : (n,) array
         Standard deviations of their noise.
     range_of : function
@@ -156,4 +155,4 @@ def freed_range(
     value = max(seen - share, 0.0)
     seen_sigma = total((*shares, Share("noise", scatter / factor)))
     parts = (*parts, Share("form filter", EXTRAPOLATED * share))
-    return Quantified(value, parts, unit, seen - value, seen_sigma)
+    return Quantified(value, parts, "mm", seen - value, seen_sigma)

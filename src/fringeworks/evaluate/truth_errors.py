@@ -54,15 +54,15 @@ def error_map(surface: HeightMap, truth_mm: FloatMap) -> FloatMap:
         return np.asarray(surface.values - truth_mm.astype(np.float64))
 
 
-def edge_band(truth_mm: FloatMap, pitch: float, width_px: int = EDGE_BAND_PX) -> BoolMap:
-    """True within ``width_px`` of a cliff of the true surface, (h, w)."""
+def edge_band(truth_mm: FloatMap, pitch: float) -> BoolMap:
+    """True within ``EDGE_BAND_PX`` of a cliff of the true surface, (h, w)."""
     with np.errstate(all="ignore"):  # where the truth is not known, no cliff is
         truth = truth_mm.astype(np.float64)
         high = scipy.ndimage.maximum_filter(truth, 2) - scipy.ndimage.minimum_filter(truth, 2)
     cliff = high > EDGE_SLOPE * pitch
     if not cliff.any():
         return np.zeros(truth_mm.shape, bool)
-    return np.asarray(scipy.ndimage.distance_transform_cdt(~cliff, "chessboard") <= width_px)
+    return np.asarray(scipy.ndimage.distance_transform_cdt(~cliff, "chessboard") <= EDGE_BAND_PX)
 
 
 def errors(surface: HeightMap, truth_mm: FloatMap) -> Errors:

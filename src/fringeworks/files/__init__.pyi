@@ -101,6 +101,7 @@ from .points import (
     read_cloud as read_cloud,
     read_points as read_points,
     write_points as write_points,
+    write_merged_points as write_merged_points,
 )
 from .mesh_writer import (
     write_mesh as write_mesh,
@@ -108,9 +109,6 @@ from .mesh_writer import (
 from .mesh import (
     read_mesh as read_mesh,
     read_model as read_model,
-)
-from .merged import (
-    write_merged_points as write_merged_points,
 )
 from .recipe import (
     read_recipe as read_recipe,

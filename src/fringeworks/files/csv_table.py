@@ -170,7 +170,10 @@ def decoded(content: bytes) -> str:
     except FileProblem as problem:
         if not isinstance(problem.__cause__, UnicodeDecodeError):
             raise
-        return content.decode("cp1252")
+        try:
+            return content.decode("cp1252")
+        except UnicodeDecodeError:
+            raise FileProblem("expected text, got other bytes") from problem
 
 
 def _details(head: Sequence[str]) -> dict[str, Any]:

@@ -228,7 +228,10 @@ def _drawn(path: Path) -> DrawnEntities:
     """The entities of a drawing."""
     if path.suffix.lower() not in STEP_SUFFIXES:
         expected = " or ".join(STEP_SUFFIXES)
-        raise InputError(f"tolerances: expected {expected}, got {path.name}")
+        raise InputError(
+            f"tolerances: expected {expected}, got {path.name or path}; a document of QIF 3 "
+            f"({QIF}) names the faces of such a drawing"
+        )
     path = existing_file(path, "a STEP file")
     with parsing(path, "a STEP file"):
         text = read_content(path, "a STEP file").decode("utf-8", "replace")

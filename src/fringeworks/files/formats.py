@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from fringeworks.files.atomic import StrPath, check_target
-from fringeworks.types import InputError
+from fringeworks.types import FileProblem, InputError
 from fringeworks.types.packages import need_opencv
 
 ARCHIVE = ".npz"
@@ -25,6 +25,23 @@ CSV = ".csv"
 """Suffix of tables, which are told apart by the kind that they name."""
 POINT_SUFFIXES = (".e57", ".las", ".laz")
 """Files of points that packages read and write."""
+MAIN_PARTS = {
+    "Measurement": "points",
+    "MultiMeasurement": "points",
+    "MergedPart": "points",
+    "Reconstruction": "surface",
+    "Calibration": "rig",
+    "MultiCalibration": "rig",
+}
+"""Results of chains by the names of their types, and the part that a file holds. The types are
+defined in later rooms."""
+
+
+def main_part(thing: Any) -> Any:
+    """The part of a chain's result that a file holds, and that later stages take; any other thing
+    as it is."""
+    part = MAIN_PARTS.get(type(thing).__name__)
+    return thing if part is None else getattr(thing, part)
 
 
 class Functions(NamedTuple):
@@ -77,9 +94,14 @@ class Format:
 
     def check(self, path: StrPath) -> None:
         """Refuse a file that cannot be written, before anything is computed for it."""
+        suffix = Path(path).suffix.lower()
         if self.suffixes:
             check_target(path, self.suffixes, self.advice)
-            self.needs(Path(path).suffix.lower())
+            self.needs(suffix)
+        elif any(suffix in one.suffixes for one in FORMATS.values()):
+            raise FileProblem(
+                f"{path}: expected a folder for {self.holds}, got the name of a file ({suffix})"
+            )
 
 
 FORMATS: dict[str, Format] = {}
@@ -194,8 +216,7 @@ def _() -> Functions:
     needs=_need_point_package,
 )
 def _() -> Functions:
-    from fringeworks.files.merged import write_merged_points
-    from fringeworks.files.points import read_point_file
+    from fringeworks.files.points import read_point_file, write_merged_points
     from fringeworks.types import Points
 
     def write(path: StrPath, points: Points) -> None:

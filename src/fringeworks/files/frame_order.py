@@ -10,7 +10,6 @@ from filecmp import cmp
 from itertools import pairwise
 from pathlib import Path
 
-from fringeworks.files.exif_times import times_of
 from fringeworks.patterns.other_cells import cells_for_count
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.types import FramesContradictPlan
@@ -24,6 +23,10 @@ FEWEST_DIGITS = 4
 front do not count."""
 MOST_COPIES = 3
 """At most this many copies are named."""
+EXIF_SUFFIXES = (".jpg", ".jpeg")
+"""Images whose EXIF Pillow reads."""
+EXIF_PART, ORIGINAL, SUBSECOND = 0x8769, 0x9003, 0x9291
+"""Tags of the EXIF part, DateTimeOriginal and SubSecTimeOriginal (CIPA DC-008)."""
 
 
 def by_name(paths: Sequence[Path]) -> list[Path]:
@@ -134,10 +137,32 @@ def _as_taken(paths: Sequence[Path]) -> tuple[list[Path], list[str]]:
 
 def _by_time(paths: Sequence[Path]) -> list[Path]:
     """Images in the order in which they were taken; unchanged where they do not tell it."""
-    times = times_of(paths)
+    times = _times_of(paths)
     if times is None:
         return list(paths)
     return [paths[k] for k in sorted(range(len(paths)), key=lambda k: times[k])]
+
+
+def _times_of(paths: Sequence[Path]) -> list[tuple[str, float]] | None:
+    """Date and time with its fraction of a second of every image, in a form that sorts; None where
+    one has none, or two have the same."""
+    from PIL import Image
+
+    if any(path.suffix.lower() not in EXIF_SUFFIXES for path in paths):
+        return None
+    found = []
+    for path in paths:
+        try:
+            with Image.open(path) as image:
+                part = image.getexif().get_ifd(EXIF_PART)
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+            return None  # reading the image says what is wrong with it
+        when = str(part.get(ORIGINAL, "")).strip("\0 ")
+        digits = str(part.get(SUBSECOND, "")).strip("\0 ")
+        if not when[:4].isdigit():
+            return None
+        found.append((when, float(f"0.{digits}") if digits.isdecimal() else 0.0))
+    return found if len(set(found)) == len(found) else None
 
 
 def _timed(named: list[Path], by_time: list[Path], numbered: bool) -> tuple[list[Path], list[str]]:

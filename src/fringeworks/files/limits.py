@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import codecs
 import logging
+import math
 import os
 import stat
 import warnings
@@ -26,7 +27,9 @@ from fringeworks.types import MOST_PX, FileProblem, InputError, positive
 DEFAULT_MAX_GB = 2.0
 """Memory that the content of one file may take, 10⁹ bytes. A stack of 100 frames of 12 Mpx with 8
 bits has 1.2 GB. Uncompressed stacks stay on disk and do not count."""
-MAX_DESCRIPTION_BYTES = 1 << 20
+MEGABYTE = 1 << 20
+"""Bytes of a MB in messages."""
+MAX_DESCRIPTION_BYTES = MEGABYTE
 """Size of a description (TOML, XML, YAML), bytes. Real ones have 1 to 100 kB, the largest those of
 responses. Parsers in Python take about a second for this size."""
 MAX_LENGTH_PX = MOST_PX
@@ -138,6 +141,12 @@ def _opened(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
+def beyond(what: str, size: int, limit: int) -> str:
+    """Say that something has more bytes than a limit of whole MB, and how many MB."""
+    got = math.ceil(100 * size / MEGABYTE) / 100
+    return f"expected {what} of at most {limit // MEGABYTE} MB, got {got:g} MB"
+
+
 def read_content(path: Path, what: str, limit: int | None = None) -> bytes:
     """The bytes of a file that is no larger than the limit.
 
@@ -162,13 +171,13 @@ def read_content(path: Path, what: str, limit: int | None = None) -> bytes:
             if limit is None:
                 check_bytes(size, what)
             elif size > limit:
-                raise FileProblem(
-                    f"{told(path)}: expected {what} of at most {limit >> 20} MB, got {size >> 20}"
-                )
+                raise FileProblem(f"{told(path)}: {beyond(what, size, limit)}")
             return file.read(size)
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
+        if is_folder(path):
+            raise FileProblem(f"{told(path)}: expected {what}, got a folder") from error
         why = getattr(error, "strerror", None) or error
         raise FileProblem(f"{told(path)}: could not be read: {why}") from error
 

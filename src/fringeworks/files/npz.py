@@ -136,6 +136,8 @@ def read_npz(path: StrPath, kind: str, layout: Mapping[str, str]) -> dict[str, N
     FileProblem for a missing or damaged archive, and for arrays of other types or shapes.
     """
     path = existing_file(path, f"{kind} (.npz)")
+    if path.suffix.lower() != ".npz" and not zipfile.is_zipfile(path):
+        raise FileProblem(f"{path}: expected {kind} (.npz), got {path.suffix or 'no suffix'}")
     lengths: dict[str, int] = {}
     with parsing(path, f"{kind} (.npz)"), zipfile.ZipFile(path) as archive:
         members = {info.filename.removesuffix(SUFFIX): info for info in archive.infolist()}

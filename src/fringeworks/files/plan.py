@@ -17,7 +17,9 @@ from fringeworks.files.folder import replacing_folder
 from fringeworks.files.images import write_frame
 from fringeworks.files.limits import existing_file, parsing, told
 from fringeworks.files.toml import Size, read_toml
+from fringeworks.patterns.chain_search import COMMENSURATE
 from fringeworks.patterns.encode import encode
+from fringeworks.patterns.order_chain import repeat_distance
 from fringeworks.patterns.plan import (
     Block,
     GrayCode,
@@ -27,7 +29,7 @@ from fringeworks.patterns.plan import (
     Uniform,
     equal_steps,
 )
-from fringeworks.types import Axis, InputError
+from fringeworks.types import Axis, Finding, InputError
 
 PLAN_FILE = "plan.toml"
 """Plan in the folder of its pictures or frames."""
@@ -243,10 +245,37 @@ def write_plan(path: StrPath, plan: PatternPlan) -> Path:
 
 
 def check_resolvable(plan: PatternPlan) -> None:
-    """Refuse a plan whose fringe orders cannot be resolved, before it is projected."""
+    """Refuse a plan whose fringe orders cannot be resolved, before it is projected.
+
+    Coordinates that repeat are no reason: a rig and a range of depths resolve them.
+    """
     for axis in plan.axes:
         if plan.phase_sets(axis):
-            plan.chain(axis)
+            plan.chain(axis, absolute=plan.gray_code(axis) is not None)
+
+
+def repeating(plan: PatternPlan) -> tuple[Finding, ...]:
+    """What is to be known of a plan whose coordinates repeat: a finding for each such axis."""
+    told = []
+    for axis in plan.axes:
+        periods = [block.period_px for _, block in plan.phase_sets(axis)]
+        length = plan.length_px(axis)
+        if not periods or plan.gray_code(axis) is not None:
+            continue
+        distance = repeat_distance(periods, length)
+        if distance < length * (1.0 - COMMENSURATE):
+            told.append(
+                Finding(
+                    "whole periods",
+                    f"coordinates along {axis} repeat after {distance:.4g} px, but the projector "
+                    f"has {length} px",
+                    advice="measure with a rig and a range of depths, or take a plan with more "
+                    "periods or a Gray code",
+                    axis=axis,
+                    figures={"repeats_px": distance},
+                )
+            )
+    return tuple(told)
 
 
 def frame_names(plan: PatternPlan, suffix: str) -> list[str]:
@@ -289,8 +318,8 @@ def write_patterns(
 
     Raises
     ------
-    InputError for a plan whose fringe orders cannot be resolved; FileProblem where the folder holds
-    other things or cannot be written to.
+    InputError for a plan whose fringe orders not even a range of depths resolves; FileProblem where
+    the folder holds other things or cannot be written to.
     """
     check_resolvable(plan)
     labels = plan.picture_labels()

@@ -120,6 +120,36 @@ def write_points(path: StrPath, cloud: PointCloud, *, kind: Kind = "points") -> 
             TABLE_WRITERS[suffix](temporary, PointTable(cloud, kind))
 
 
+def write_merged_points(
+    path: StrPath, points: Points, *, provenance: Provenance | None = None
+) -> None:
+    """Write points with σ, noise, normals and colour, as far as they have them and the file does.
+
+    Parameters
+    ----------
+    path : path
+        ``.ply``, ``.pcd``, ``.csv``, ``.e57``, ``.las``, ``.laz``, ``.mcap``, ``.vtp``, or
+        ``.xyz``, which has σ alone.
+    points : Points
+    provenance : Provenance, optional
+        Written into the file; by default that of the points.
+
+    Raises
+    ------
+    FileProblem for another suffix and a folder that cannot be written to; InputError for no
+    points; MissingPackage where a format needs a package that is not installed.
+    """
+    check_target(path, TABLE_WRITERS)
+    suffix = Path(path).suffix.lower()
+    need_package(suffix)
+    if not len(points.xyz_mm):
+        raise InputError(f"{path}: expected points to write, got none", findings=points.findings)
+    if provenance is not None:
+        points = replace(points, provenance=provenance)
+    with replacing(path) as temporary:
+        TABLE_WRITERS[suffix](temporary, PointTable(points))
+
+
 MESH_WRITERS: dict[str, Callable[[Path, PointTable, NDArray[np.int32]], None]] = {
     ".ply": write_table_as_ply,
     VTP: write_points_as_vtp,
@@ -237,7 +267,7 @@ def read_point_file(path: StrPath) -> Points | PointCloud:
     if suffix == ".xyz":
         return _read_xyz(path)
     if suffix not in TABLE_READERS:
-        expected = ", ".join([*TABLE_READERS, ".xyz", *SURFACE_READERS])
+        expected = ", ".join(dict.fromkeys([*TABLE_READERS, ".xyz", *SURFACE_READERS]))
         raise FileProblem(f"{path}: expected one of {expected}, got {suffix or 'no suffix'}")
     read = TABLE_READERS[suffix](path)
     with parsing(path, "points"):

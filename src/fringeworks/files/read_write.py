@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from fringeworks.files.capture import read_capture
 from fringeworks.files.capture_writer import UNFINISHED_FILE
 from fringeworks.files.exposures import is_exposures, read_exposures
 from fringeworks.files.folder import incomplete
-from fringeworks.files.formats import ARCHIVE, CSV, FORMATS, TOML, format_of
+from fringeworks.files.formats import ARCHIVE, CSV, FORMATS, TOML, format_of, main_part
 from fringeworks.files.images import TIFF_SUFFIXES
 from fringeworks.files.limits import existing_file, is_file, is_folder, parsing, told
 from fringeworks.files.pair import CAPTURE_FILE
@@ -25,17 +26,6 @@ CAPTURE_KINDS = ("pair", "stack", "exposures")
 """Kinds that the description in the folder of a capture names."""
 MOST_NAMES = 8
 """Names of arrays that a message lists."""
-
-MAIN_PARTS = {
-    "Measurement": "points",
-    "MultiMeasurement": "points",
-    "MergedPart": "points",
-    "Reconstruction": "surface",
-    "Calibration": "rig",
-    "MultiCalibration": "rig",
-}
-"""Results of chains by the names of their types, and the part that a file holds. The types are
-defined in later rooms."""
 
 
 def read(path: StrPath) -> Any:
@@ -113,13 +103,15 @@ def write(path: StrPath, thing: Any, **options: Any) -> Path:
     ----------
     path : path
         PointCloud: ``.ply``, ``.xyz``, ``.npz``, ``.pcd``, ``.mcap``, ``.mat``, ``.csv``, ``.e57``,
-        ``.las``, ``.laz``. Points: the same without ``.npz`` and ``.mat``. HeightMap: ``.tif``,
-        ``.npz``, ``.ply``, ``.x3p``, ``.gsf``, ``.csv``. TriangleMesh: ``.stl``, ``.obj``,
-        ``.glb``, ``.3mf``, ``.ply``. Decoded: ``.npz``, ``.csv``. WrappedPhase, LightSeparation,
-        PixelCalibration: ``.npz``. Rig: ``.toml``, ``.xml``, ``.yml``, ``.yaml``. MultiRig,
-        Response, ReferencePlaneGeometry, PlaneCalibration, PatternPlan, Recipe, Setup,
-        StoredSetup: ``.toml``. Array of a frame: ``.png``, ``.tif``. Dictionary of figures:
-        ``.json``. Pair, Stack: a folder. Of a Measurement, MultiMeasurement or MergedPart the
+        ``.las``, ``.laz``, ``.vtp``, ``.vti``. Points: ``.ply``, ``.xyz``, ``.pcd``, ``.mcap``,
+        ``.csv``, ``.e57``, ``.las``, ``.laz``, ``.vtp``. HeightMap: ``.tif``, ``.tiff``, ``.npz``,
+        ``.ply``, ``.x3p``, ``.gsf``, ``.csv``, ``.vti``. TriangleMesh: ``.stl``, ``.obj``,
+        ``.glb``, ``.3mf``, ``.ply``, ``.vtp``. Decoded: ``.npz``, ``.csv``, ``.vti``, ``.mat``.
+        WrappedPhase, LightSeparation: ``.npz``. Rig: ``.toml``, ``.xml``, ``.yml``, ``.yaml``.
+        ReferencePlaneGeometry, PlaneCalibration, PixelCalibration: ``.toml``, ``.npz``, the latter
+        for those pixel by pixel. MultiRig, Response, PatternPlan, Recipe, Setup, SetupTests,
+        StoredSetup: ``.toml``. ndarray: ``.png``, ``.tif``, ``.tiff``, of a frame. dict: ``.json``,
+        of figures. Pair, Stack: a folder. Of a Measurement, MultiMeasurement or MergedPart the
         points are written, of a Reconstruction the surface, of a Calibration or MultiCalibration
         the rig.
     thing : one of these
@@ -138,10 +130,21 @@ def write(path: StrPath, thing: Any, **options: Any) -> Path:
     InputError for a thing of another type, and an option that its format does not have;
     FileProblem for a suffix that the thing cannot be written to, and where the folder cannot be
     written to.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import fringeworks as fw
+    >>> plan = fw.propose(1280, 800, 8)[0].plan
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     back = fw.read(fw.write(f"{folder}/plan.toml", plan))
+    >>> back == plan
+    True
     """
-    part = MAIN_PARTS.get(type(thing).__name__)
-    if part is not None:
-        thing = getattr(thing, part)
+    if not isinstance(path, (str, os.PathLike)):
+        got = type(path).__name__
+        raise InputError(f"path: expected a path, and after it what is written, got a {got} first")
+    thing = main_part(thing)
     one = format_of(type(thing))
     if one is None:
         known = ", ".join(name for one in FORMATS.values() for name in one.types)

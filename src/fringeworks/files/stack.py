@@ -134,6 +134,8 @@ def read_stack(
     if plan is None:
         plan = path.parent / PLAN_FILE
         if not is_file(plan):
+            if path.suffix.lower() not in (*IMAGE_SUFFIXES, *PHOTOGRAPH_SUFFIXES):
+                open_stack_file(path)  # says what a file is that holds no frames
             raise FileProblem(
                 f"{path}: expected a plan, or a file {PLAN_FILE} beside it, got none; phase steps "
                 "of known shifts need no plan: their result is the wrapped phase"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fringeworks.files.limits import MAX_DESCRIPTION_BYTES, check_frame_size, parsing
+from fringeworks.files.limits import MAX_DESCRIPTION_BYTES, beyond, check_frame_size, parsing
 from fringeworks.files.provenance import from_json, json_line
 from fringeworks.surface.height_map import known_pitch
 from fringeworks.types import FileProblem, FloatMap, HeightMap, InputError, Provenance
@@ -84,10 +84,7 @@ def _root(archive: zipfile.ZipFile) -> ET.Element:
     """The description, if it is short and defines no entities, which could grow without limit."""
     member = archive.getinfo(DESCRIPTION)
     if member.file_size > MAX_DESCRIPTION_BYTES:
-        raise FileProblem(
-            f"expected a description of at most {MAX_DESCRIPTION_BYTES >> 20} MB, got "
-            f"{member.file_size >> 20}"
-        )
+        raise FileProblem(beyond("a description", member.file_size, MAX_DESCRIPTION_BYTES))
     text = archive.read(member)
     if b"<!ENTITY" in text or b"<!DOCTYPE" in text:
         raise FileProblem("expected a description without entities, got some")

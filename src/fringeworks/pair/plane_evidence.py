@@ -68,8 +68,6 @@ class PlaneEvidence(Frozen):
     """Whether the fringes contradict the plane and its stated standard deviation."""
     moved: bool = False
     """Whether the fringes show that the plane is not exactly where it was stated."""
-    misfit_periods: float = 0.0
-    """Root mean square of what no such surface explains, periods."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +136,6 @@ def plane_evidence(
         misfit = max(float(np.sqrt(np.mean(seen.unexplained() ** 2))), LEAST_MISFIT)
         seen = seen.with_pattern(period_px, bright_px, sigma_mm)
         found = _decided(seen, max(sigma_mm, LEAST_MM), 1.0 / (SHARED_NODES * misfit**2))
-        found = replace(found, misfit_periods=misfit)
     return found
 
 

@@ -44,6 +44,8 @@ def without_light(name: str, black: NDArray[Any] | float, frame: FloatMap) -> Fl
     level = np.asarray(black, np.float64)
     if level.ndim and level.shape != frame.shape:
         raise InputError(f"black frame: expected shape {frame.shape}, got {level.shape}")
+    if not np.isfinite(level).any():
+        raise InputError("black: expected finite counts, got none")
     lit = frame.astype(np.float64) - level
     if not np.nanmedian(lit) > 0:
         raise InputError(

@@ -11,6 +11,7 @@ from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.unwrap import unwrap
 from fringeworks.signal.bands import row_bands
 from fringeworks.signal.filters import gaussian
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN
 from fringeworks.types import FloatMap, Frozen
 
 DEGREE = 4
@@ -37,8 +38,6 @@ MAX_RESIDUAL_RAD = 0.3
 LEAST_MISFIT = 3e-4
 """Least misfit of the nodes, periods: on 14 planes of a ray-caster, the phase of drawn fringes
 deviates from that of photographed ones by 2e-4, smoothly over the frame."""
-NORMAL_MAD = 0.6745
-"""Median absolute deviation of a normal distribution, standard deviations."""
 REJECTED_MADS = 5.0
 """Residuals beyond this many median absolute deviations are left out of the second fit."""
 UNKNOWN_PERIOD = 0.05
@@ -284,6 +283,6 @@ def moved_by_periods(
         after = known.at(np.clip(place - further, 0.0, w - 1.0), part)
         further = step - (before - after) * per_rad
     change[part] = np.where(whole[part] != 0, further, 0.0)
-    left = float(np.median(np.abs(known.left(nodes)))) * per_rad / NORMAL_MAD
+    left = float(np.median(np.abs(known.left(nodes)))) * per_rad / NORMAL_MEDIAN
     sigma = np.sqrt(2.0) * max(left, LEAST_MISFIT * prepared.period)
     return change, np.where(whole != 0, sigma, 0.0)

@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.binary import diffused
-from fringeworks.patterns.plan import COLOURS, SOLID, LightColour, PatternPlan, Uniform
+from fringeworks.patterns.plan import (
+    COLOURS,
+    SOLID,
+    LightColour,
+    PatternPlan,
+    Uniform,
+    check_is_plan,
+)
 from fringeworks.types import FloatMap, InputError
 
 DITHER_THRESHOLDS = 8
@@ -54,6 +61,7 @@ def encode(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
     >>> [int(picture[0, 0]) for picture in encode(plan)]
     [255, 128, 0, 128]
     """
+    check_is_plan(plan)
     if plan.channel is not None:
         for grey in _grey(plan):
             picture = np.zeros((*grey.shape, COLOURS), np.uint8)

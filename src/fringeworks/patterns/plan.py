@@ -74,6 +74,14 @@ fringes have no useful repeat distance. An empirical choice.
 """
 
 
+def check_is_plan(plan: object) -> None:
+    """Refuse what is no plan, such as a proposal, which has one."""
+    if not isinstance(plan, PatternPlan):
+        first = plan[0] if isinstance(plan, list) and plan else plan
+        of = "; a Proposal has one as its .plan" if hasattr(first, "plan") else ""
+        raise InputError(f"plan: expected a PatternPlan, got {type(plan).__name__}{of}")
+
+
 def repeats(plan: PatternPlan) -> bool:
     """Whether the phases and Gray codes of a plan leave coordinates that repeat along an axis.
 
@@ -129,6 +137,10 @@ class PhaseSteps(Frozen):
         check_axis(self.axis)
         if not (finite(self.period_px) and self.period_px >= 2.0):
             raise InputError(f"period: expected 2 px or more, got {self.period_px:g}")
+        if np.ndim(self.shifts_rad) == 0:
+            raise InputError(
+                f"shifts_rad: expected a sequence, as equal_steps(4) returns, got {self.shifts_rad}"
+            )
         n = len(self.shifts_rad)
         if not 3 <= n <= MAX_STEPS:
             raise InputError(f"steps: expected 3 to {MAX_STEPS}, got {n}")

@@ -86,6 +86,9 @@ A factor nearer to 1 finds slightly finer fringes but takes longer: at 0.94 the 
 % longer than necessary. An empirical choice.
 """
 
+NOISE_SHARES = (1e-9, 1e9)
+"""Smallest and largest noise, as a share of the modulation: far beyond all cameras on both sides.
+Squares of numbers beyond do not fit into a number."""
 
 PHASE_KINDS = ("single", "hierarchical", "heterodyne", "number-theoretic")
 """Kinds of plans without a Gray code."""
@@ -107,9 +110,14 @@ def checked_share(
     for name, value in (("noise", noise), ("modulation", modulation)):
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"{name}: expected > 0 counts, got {value}")
+    if not NOISE_SHARES[0] <= noise / modulation <= NOISE_SHARES[1]:
+        raise InputError(
+            f"noise: expected {NOISE_SHARES[0]:g} to {NOISE_SHARES[1]:g} times the modulation of "
+            f"{modulation:g} counts, got {noise:g} counts"
+        )
     min_period_px, max_period_px = band
-    if not min_period_px >= 2:
-        raise InputError(f"min_period_px: expected 2 px or more, got {min_period_px}")
+    if not 2 <= min_period_px < math.inf:
+        raise InputError(f"min_period_px: expected a period of 2 px or more, got {min_period_px}")
     if not max_period_px >= min_period_px:
         raise InputError(
             f"max_period_px: expected {min_period_px:g} px or more, like min_period_px, got "

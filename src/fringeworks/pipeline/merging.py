@@ -10,8 +10,10 @@ import numpy as np
 import scipy
 
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.formats import main_part
 from fringeworks.files.points import read_cloud
 from fringeworks.files.rig import read_rig
+from fringeworks.pipeline.stacks import Measurement
 from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.pinhole import inverse, transform
 from fringeworks.surface.camera_blur import remove_blur
@@ -96,7 +98,7 @@ class MergedPart(Noted, Frozen):
 
 
 def merge(
-    views: Sequence[PointCloud | StrPath],
+    views: Sequence[PointCloud | Measurement | StrPath],
     *,
     poses: PosesFrom = "board",
     board: Board | str | None = None,
@@ -112,7 +114,7 @@ def merge(
 
     Parameters
     ----------
-    views : sequence of PointCloud or path
+    views : sequence of PointCloud, Measurement or path
         Two or more, in the order in which they were taken; ``.npz`` files of ``write_points``.
     poses : "board", "turntable" or "shape"
         Where the poses come from: a board that turns with the part and is seen in every view; the
@@ -156,7 +158,8 @@ def merge(
     """
     if board is not None:
         need_opencv("a board among the views")
-    clouds = [v if isinstance(v, PointCloud) else read_cloud(v) for v in views]
+    parts = map(main_part, views)
+    clouds = [v if isinstance(v, PointCloud) else read_cloud(v) for v in parts]
     board = parse_board(board) if isinstance(board, str) else board
     for cloud in clouds:
         need_camera_frame(cloud, "merging")

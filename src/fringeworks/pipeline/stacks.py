@@ -192,7 +192,8 @@ def measure_response(
     Parameters
     ----------
     stack : Stack or path
-        Fringes with equal steps, and Gray code along the same axis.
+        Fringes with equal steps, and along the same axis a Gray code with inverse bits, or with a
+        white and a black frame.
     camera, projector : str, optional
         Names of the devices; the stack's where left out.
     number : int
@@ -302,8 +303,16 @@ def check_projector(rig: Rig, stack: Stack) -> None:
 def _gray_coordinate(stack: Stack, axis: Axis, options: DecodeOptions) -> FloatMap:
     """The coordinate by Gray code alone: it does not depend on the response."""
     plan = stack.plan
-    if plan.gray_code(axis) is None:
+    code = plan.gray_code(axis)
+    if code is None:
         raise InputError(f"plan: expected a Gray code along {axis}, got none")
+    light = plan.uniform("white") is not None and plan.uniform("black") is not None
+    if not (code[1].inverse or light):
+        raise InputError(
+            f"plan: expected inverse bits of the Gray code along {axis}, or a white and a black "
+            'frame, as {kind = "white"} and {kind = "black"} at the end of its sequence, got '
+            "neither: what the fringes show depends on the response"
+        )
     kept = [
         (first, block)
         for first, block in plan.placed

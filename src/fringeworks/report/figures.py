@@ -21,7 +21,7 @@ from fringeworks.report.drawing import (
 )
 from fringeworks.report.maps import DPI, draw_map, draw_sheet, limits_of
 from fringeworks.report.sheets import Panel, PanelKind, Sheet
-from fringeworks.types import FloatMap, Provenance
+from fringeworks.types import FloatMap, InputError, Provenance
 from fringeworks.types.numbers import number
 
 MAX_SURFACE_POINTS = 160
@@ -50,12 +50,29 @@ def save_figure(figure: Figure, path: StrPath, *, provenance: Provenance | None 
     provenance : Provenance, optional
         Written into the file's metadata.
 
+    Returns
+    -------
+    The path.
+
     Raises
     ------
     FileProblem for another suffix, and where the folder cannot be written to.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import fringeworks as fw
+    >>> plan = fw.propose(640, 400, 4, axes=("x",), range_px={"x": 80.0})[0].plan
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_figure(plan.plot(), f"{folder}/plan.png").name
+    'plan.png'
     """
     path = Path(path)
     check_figure_target(path)
+    if not hasattr(figure, "savefig"):
+        raise InputError(
+            f"figure: expected a figure, as .plot() returns, got {type(figure).__name__}"
+        )
     kind = path.suffix.lower()[1:]
     origin = json_line(provenance)
     # Dates and random identifiers would make every file differ from the last.

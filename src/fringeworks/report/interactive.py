@@ -16,8 +16,6 @@ NOTEBOOK_BYTES = 8_000_000
 """Largest size of a surface in a notebook, bytes: notebooks with more open slowly."""
 FRAME_HEIGHT_PX = 560
 """Height of a surface in a notebook: all controls are seen without scrolling."""
-PICTURE_STYLE = "max-width:100%;background:#ffffff"
-"""Style of a figure in a notebook: pictures stand on white in dark themes, too."""
 
 
 def show(result: object, *, every: int = 1) -> Path:
@@ -39,15 +37,13 @@ def show(result: object, *, every: int = 1) -> Path:
     return path
 
 
-def repr_html(result: object, *, every: int = 1) -> str | None:
+def repr_html(result: object) -> str | None:
     """Return a surface to turn, in a frame, for a notebook.
 
     Parameters
     ----------
     result : any result of fringeworks
-    every : int
-        Show every k-th column and row; surfaces of more than 8 MB are thinned further, which is
-        said below the frame.
+        Surfaces of more than 8 MB are thinned, which is said below the frame.
 
     Returns
     -------
@@ -55,8 +51,7 @@ def repr_html(result: object, *, every: int = 1) -> str | None:
     """
     if not is_surface(result):
         return None
-    surface = packed(result, every=every)
-    used = every
+    used, surface = 1, packed(result)
     # Base64, in which the page holds the surface, makes four bytes of three.
     while (too_large := len(surface.data) * 4 / 3 / NOTEBOOK_BYTES) > 1:
         used = math.ceil(used * math.sqrt(too_large))
@@ -66,6 +61,6 @@ def repr_html(result: object, *, every: int = 1) -> str | None:
         f'<iframe srcdoc="{page}" style="width:100%;height:{FRAME_HEIGHT_PX}px;border:0" '
         'sandbox="allow-scripts" title="Measured surface"></iframe>'
     )
-    if used == every:
+    if used == 1:
         return frame
     return f"{frame}<p>Shown: one of {used} columns and rows, to stay below 8 MB.</p>"

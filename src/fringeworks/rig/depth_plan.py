@@ -67,13 +67,9 @@ def propose_for_depth(
             f"noise: expected room for {MIN_MARGIN:g} standard deviations in half a period, got "
             f"{noise:g} counts at a modulation of {modulation:g}"
         )
+    for axis in chosen:
+        depth.check_lit(axis)
     spans = {axis: depth.period_px(axis) for axis in chosen}
-    for axis, span in spans.items():
-        if not span > 0.0:
-            raise InputError(
-                f"depth range: expected points that the projector lights along {axis}, got none "
-                f"from {depth.depth_mm[0]:g} to {depth.depth_mm[1]:g} mm"
-            )
     found = propose(
         rig.projector.width_px,
         rig.projector.height_px,

@@ -23,6 +23,7 @@ from fringeworks.types import (
     Reason,
     Rig,
     RigMismatch,
+    found_before,
     region_of,
     sealed,
 )
@@ -202,8 +203,9 @@ class DepthRange:
 
         Raises
         ------
-        RigMismatch for maps of another size than the rig's camera. InputError for a range that is
-        longer than a period in most of the frame.
+        RigMismatch for maps of another size than the rig's camera. InputError where coordinates
+        repeat and the range is longer than a period in most of the frame, or the projector lights
+        nothing of it.
         """
         maps, findings = {}, list(decoded.findings)
         for axis, found in decoded.maps.items():
@@ -215,7 +217,9 @@ class DepthRange:
                     f"frames of {w} × {h}"
                 )
             if found.repeats_px is not None:
-                self._refuse_long(axis, found.repeats_px)
+                with found_before(decoded.findings):
+                    self.check_lit(axis)
+                    self._refuse_long(axis, found.repeats_px)
             maps[axis] = self._resolved(found)
             findings.append(self._finding(maps[axis], found))
         return replace(decoded, x=maps.get("x"), y=maps.get("y"), findings=tuple(findings))
@@ -233,7 +237,12 @@ class DepthRange:
         -------
         Whole numbers; the first is larger than the second where no order does, and NaN is where
         the coordinate is.
+
+        Raises
+        ------
+        InputError where the projector lights nothing of the range.
         """
+        self.check_lit(found.axis)
         allowed = self._pixels(found.axis)
         reach = allowed.half + ROOM_SIGMAS * np.sqrt(found.sigma_px**2 + allowed.variance)
         off = allowed.middle - found.coordinate_px
@@ -306,8 +315,7 @@ class DepthRange:
     def _refuse_long(self, axis: Axis, period: float) -> None:
         """Refuse a range that a period cannot hold in most of the frame."""
         found = self._interval(axis)
-        lit = found.half > 0.0
-        if np.mean(2.0 * found.reach[lit] < period) >= MOST_AMBIGUOUS or not lit.any():
+        if np.mean(2.0 * found.reach[found.half > 0.0] < period) >= MOST_AMBIGUOUS:
             return
         near, far = self._depth
         longest = self.longest_mm(axis, period)
@@ -316,6 +324,38 @@ class DepthRange:
             f"{axis}, but coordinates repeat every {period:g} px: expected up to {longest:.0f} mm, "
             "or a plan with a longer period"
         )
+
+    def check_lit(self, axis: Axis) -> None:
+        """Refuse a range of which the projector lights nothing that the camera sees.
+
+        Raises
+        ------
+        InputError that names the depths it lights, and the unit in which the range holds some.
+        """
+        if (self._interval(axis).half > 0.0).any():
+            return
+        (near, far), (first, last) = self._depth, self._lit_mm(axis)
+        meant = _meant(near, far, first, last)
+        unit = f"; likely {', or '.join(meant)}" if meant else ""
+        to = f"to {last:.0f} mm" if np.isfinite(last) else "mm and more"
+        lit = f"{first:.0f} {to}" if first < last else "none"
+        raise InputError(
+            f"depth range: expected points that the projector lights along {axis}, got none from "
+            f"{near:g} to {far:g} mm; the camera sees {lit} lit{unit}"
+        )
+
+    def _lit_mm(self, axis: Axis) -> tuple[float, float]:
+        """Smallest and largest depth that the projector lights in the camera's view, mm; infinity
+        for no limit, and (infinity, 0) for no depth."""
+        ends = [
+            inverse_depth(self._rig, self._nodes, np.full(len(self._nodes), goal), axis)
+            for goal in (-0.5, axis_length(self._rig, axis) - 0.5)
+        ]
+        # A ray that the lens model loses on its way to one end is left out.
+        w = np.maximum(np.stack(ends)[:, np.isfinite(ends).all(axis=0)], 0.0)
+        w = w[:, w.max(axis=0) > 0.0]
+        nearest, farthest = float(w.max(initial=0.0)), float(w.min(initial=np.inf))
+        return (1.0 / nearest if nearest else np.inf), (1.0 / farthest if farthest else np.inf)
 
     def longest_mm(self, axis: Axis, period_px: float) -> float:
         """Largest far depth for the same near one at which a period has room for the range.
@@ -422,12 +462,10 @@ class DepthRange:
             f"{which} pixels measured along {axis} lie outside the depth range of {near:g} to "
             f"{far:g} mm: they are at {first:.0f} to {last:.0f} mm"
         )
-        meant = [n for n, mm in UNITS_MM.items() if near * mm < last and far * mm > first]
-        causes = tuple(f"the range was given in {name}" for name in meant)
         return replace(
             words,
             seen=seen,
-            causes=(*causes, "the range is of another set-up"),
+            causes=(*_meant(near, far, first, last), "the range is of another set-up"),
             advice="give a range in mm that holds what is to be measured",
             figures={**words.figures, "nearest_mm": first, "farthest_mm": last},
             severity="warning",
@@ -441,7 +479,7 @@ class DepthRange:
             [coordinates_at(self._rig, self._nodes, z, axis) for z in (near, far)], axis=0
         )[0]
         lit = self._interval(axis).half > 0.0
-        span = period * (far - near) / float(np.median(np.abs(step[lit]))) if lit.any() else np.nan
+        span = period * (far - near) / float(np.median(np.abs(step[lit])))
         seen = (
             f"fringe orders along {axis} come from the depth range of {near:g} to {far:g} mm; a "
             f"period of {period:.4g} px spans {span:.0f} mm of depth"
@@ -461,6 +499,12 @@ class DepthRange:
         return Finding("depth range", seen, (), advice, axis, (), figures, "note")
 
 
+def _meant(near: float, far: float, first: float, last: float) -> tuple[str, ...]:
+    """Units in which a range was given by mistake, where the depths lie between two, mm."""
+    meant = [n for n, mm in UNITS_MM.items() if near * mm < last and far * mm > first]
+    return tuple(f"the range was given in {name}" for name in meant)
+
+
 def depth_range_of(depth_mm: DepthRange | Sequence[float] | None, rig: Rig) -> DepthRange | None:
     """A range of depths for a rig from what a caller gave; None for none.
 
@@ -478,7 +522,12 @@ def depth_range_of(depth_mm: DepthRange | Sequence[float] | None, rig: Rig) -> D
 
 
 def _checked(depth_mm: Sequence[float]) -> tuple[float, float]:
-    values = tuple(float(z) for z in depth_mm)
+    try:
+        values = tuple(float(z) for z in depth_mm)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"depth range: expected two depths in mm, as (450, 560), got {depth_mm!r}"
+        ) from None
     if len(values) != 2 or not np.isfinite(values).all() or not 0.0 < values[0] < values[1]:
         got = ", ".join(f"{z:g}" for z in values)
         raise InputError(f"depth range: expected two depths in mm, 0 < near < far, got {got}")

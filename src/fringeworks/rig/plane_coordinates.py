@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from fringeworks.rig.stated_plane import MODES, StatedPlane
-from fringeworks.types import Axis, CoordinateMap, FloatMap, InputError, Reason, Rig, sealed
+from fringeworks.types import CoordinateMap, FloatMap, InputError, Reason, sealed
 
 BLOCK_ROWS = 64
 """Rows that are computed at a time: their intermediate values are a small part of a frame."""
 
 
-def plane_coordinates(rig: Rig, plane: Sequence[float], axis: Axis = "x") -> CoordinateMap:
-    """Predict the projector coordinate of every camera pixel that looks at a plane.
+def surface_coordinates(
+    stated: StatedPlane,
+    modes_mm: FloatMap | None = None,
+    covariance: FloatMap | None = None,
+) -> CoordinateMap:
+    """Predict the projector coordinate of every camera pixel that looks at a stated plane.
 
     Parameters
     ----------
-    rig : Rig
-    plane : (a, b, c, d)
-        a x + b y + c z = d in camera coordinates, mm; the length of (a, b, c) does not matter.
-    axis : "x" or "y"
-        Of the projector.
+    stated : StatedPlane
+    modes_mm : (MODES,) array, optional
+        Displacement of the plane, mm.
+    covariance : (MODES, MODES) array, optional
+        Covariance of the modes, mm², from which σ comes; 0 without.
 
     Returns
     -------
@@ -31,17 +33,8 @@ def plane_coordinates(rig: Rig, plane: Sequence[float], axis: Axis = "x") -> Coo
 
     Raises
     ------
-    InputError for a plane that is none, or through the camera's pupil.
+    InputError for a plane of which camera and projector see nothing.
     """
-    return surface_coordinates(StatedPlane.of(rig, plane, axis))
-
-
-def surface_coordinates(
-    stated: StatedPlane,
-    modes_mm: FloatMap | None = None,
-    covariance: FloatMap | None = None,
-) -> CoordinateMap:
-    """The same for a plane that modes displace; σ is that by their covariance, mm²."""
     rig = stated.rig
     modes = np.zeros(MODES) if modes_mm is None else modes_mm
     h, w = rig.camera.shape

@@ -301,6 +301,16 @@ def triangulate(
     distance to the decoded point weighted by its variances. The equations hold the lens distortion
     of both devices. σ² = noise + calibration: the derivative of the distance by the coordinates,
     and by the rig's 24 parameters with their covariance (theory §8, §9).
+
+    Examples
+    --------
+    >>> import fringeworks as fw
+    >>> from fringeworks.simulate import bust, fringe_plan, look, photograph, standard_rig
+    >>> rig = standard_rig(scale=0.1)
+    >>> plan = fringe_plan(rig, both=False)
+    >>> decoded = fw.decode(list(photograph(look(rig, bust()), plan)), plan)
+    >>> triangulate(decoded, rig).xyz_mm.shape
+    (102, 128, 3)
     """
     return Triangulator(rig).triangulate(
         decoded,
@@ -313,6 +323,10 @@ def triangulate(
 
 
 def _chosen(decoded: Decoded, rig: Rig, axis: Axis | None) -> dict[Axis, CoordinateMap]:
+    if not isinstance(decoded, Decoded):
+        raise InputError(
+            f"decoded: expected Decoded, as decode returns, got {type(decoded).__name__}"
+        )
     maps = decoded.maps
     if axis is not None:
         if axis not in maps:

@@ -53,8 +53,6 @@ class Agreement:
     ----------
     projector : Projector
     camera : Camera
-    timeout_s : float
-        Longest wait for a picture, s.
 
     Notes
     -----
@@ -66,12 +64,9 @@ class Agreement:
     beside which cameras that compress or smooth their frames have most noise.
     """
 
-    def __init__(
-        self, projector: Projector, camera: Camera, *, timeout_s: float = TIMEOUT_S
-    ) -> None:
+    def __init__(self, projector: Projector, camera: Camera) -> None:
         self._projector = projector
         self._camera = camera
-        self._timeout_s = timeout_s
         self._picture: NDArray[Any] = np.empty((0, 0))
         self._frame: NDArray[np.float32] = np.empty((0, 0), np.float32)
         self._parts: list[NDArray[np.float32]] = []
@@ -226,7 +221,7 @@ class Agreement:
             if agreeing > self.noise.waited_frames + late:
                 self._picture, self._frame, self._parts = np.array(picture), frame, parts
                 return grab
-            if grab.host_s - shown_s > self._timeout_s:
+            if grab.host_s - shown_s > TIMEOUT_S:
                 raise DeviceProblem(self._why_not(label, seen))
             last = frame
 
@@ -266,13 +261,13 @@ class Agreement:
         """The next frame of which all pixels arrived."""
         arrived_s: list[float] = []
         while True:
-            grab = self._camera.grab(self._timeout_s)
+            grab = self._camera.grab(TIMEOUT_S)
             if grab.complete:
                 self._check_size(grab.pixels)
                 return grab
             arrived_s.append(grab.host_s)
             passed_s = grab.host_s - arrived_s[0]
-            if len(arrived_s) >= MAX_INCOMPLETE and passed_s >= self._timeout_s:
+            if len(arrived_s) >= MAX_INCOMPLETE and passed_s >= TIMEOUT_S:
                 raise DeviceProblem(
                     f"{self._camera.name}: expected complete frames, got {len(arrived_s)} "
                     f"incomplete ones in a row within {passed_s:.1f} s: lower the frame rate, or "
@@ -310,7 +305,7 @@ class Agreement:
                 and np.ptp(means) <= max(STEADY_SHARE * max(change, of), 0.5 * MIN_RISE_COUNTS)
             ):
                 return frames
-            if frames[-1].host_s - shown_s > self._timeout_s:
+            if frames[-1].host_s - shown_s > TIMEOUT_S:
                 raise DeviceProblem(self._why_not_steady([limit, *means], np.ptp(means)))
 
     def _why_not_steady(self, means: list[float], change: float) -> str:
@@ -334,7 +329,7 @@ class Agreement:
         )
 
     def _why_not(self, label: str, seen: bool) -> str:
-        name, wait = self._camera.name, f"within {self._timeout_s:g} s"
+        name, wait = self._camera.name, f"within {TIMEOUT_S:g} s"
         if not seen and self._saturated(self._frame):
             return (
                 f"{name}: expected a change after {label} was shown, got none {wait}: all pixels "

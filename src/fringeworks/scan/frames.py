@@ -13,8 +13,7 @@ from fringeworks.devices.memory_projector import MemoryProjector
 from fringeworks.devices.protocols import Camera, ColourCamera, ColourProjector, Grab, Projector
 from fringeworks.devices.sequencer import SequenceProjector
 from fringeworks.patterns.encode import encode, grey_pictures, refuse_colours
-from fringeworks.patterns.plan import PatternPlan
-from fringeworks.patterns.propose import Proposal
+from fringeworks.patterns.plan import PatternPlan, check_is_plan
 from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.fast import FastTaker
 from fringeworks.scan.pulses import PulseTaker
@@ -216,9 +215,11 @@ def check_plan(projector: Projector, plan: PatternPlan, *, colours: bool = False
     InputError for a plan that is larger than the projector, of another depth, or another one than
     that in a ``MemoryProjector``.
     """
-    if not isinstance(plan, PatternPlan):
-        of = "; a Proposal has one as its .plan" if isinstance(plan, Proposal | list) else ""
-        raise InputError(f"plan: expected a PatternPlan, got {type(plan).__name__}{of}")
+    check_is_plan(plan)
+    if not hasattr(projector, "show"):
+        raise InputError(
+            f"projector: expected a Projector, as open_devices returns, got {projector!r}"
+        )
     if not colours:
         refuse_colours(plan)
     if plan.channel is not None:

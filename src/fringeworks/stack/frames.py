@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.other_cells import cells_for_count
-from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
+from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, check_is_plan
 from fringeworks.signal.bands import row_bands
 from fringeworks.types import (
     CameraNoise,
@@ -96,6 +96,7 @@ class Stack(Plotted, Frozen):
     """Noise of the red, green and blue of ``colour``, where it is known."""
 
     def __post_init__(self) -> None:
+        check_is_plan(self.plan)
         frames = (self.plan.seen(unmasked(frame, "frames")) for frame in self.frames)
         object.__setattr__(self, "frames", tuple(frames))
         super().__post_init__()
@@ -110,6 +111,7 @@ def check_frames(frames: NDArray[Any] | Sequence[NDArray[Any]], plan: PatternPla
         If the number of frames is not the plan's, or a frame differs in size or type. The message
         names the frame.
     """
+    check_is_plan(plan)
     coloured = plan.channel is not None
     if isinstance(frames, np.ndarray) and frames.ndim != 3 + coloured * (frames.ndim == 4):
         raise InputError(f"frames: expected shape (n, h, w), got {frames.shape}")

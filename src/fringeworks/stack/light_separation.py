@@ -28,6 +28,15 @@ from fringeworks.types import (
     sealed,
 )
 
+NO_BLACK = Finding(
+    "room light",
+    "the plan has no black frame, so indirect light contains twice the light of the room and the "
+    "black level",
+    advice="darken the room, or add a black frame to the plan",
+    severity="note",
+)
+"""What separated light says of itself where no black frame was subtracted."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LightSeparation(Noted, Plotted, Frozen):
@@ -123,5 +132,5 @@ def separate_light(
         steps.period_px,
         has_black=at is not None,
         contrast=contrast,
-        findings=found.findings,
+        findings=found.findings if black.ndim else (*found.findings, NO_BLACK),
     )

@@ -79,18 +79,10 @@ def phase_sets(plan: PatternPlan) -> list[tuple[int, PhaseSteps]]:
     return [(k, block) for k, block in plan.placed if isinstance(block, PhaseSteps)]
 
 
-def late_frames(plan: PatternPlan, axis: Axis, times: Sequence[float] | None = None) -> float:
-    """Mean time of the sets along an axis, weighted as in ``distance_of``, frames.
-
-    Parameters
-    ----------
-    plan : PatternPlan
-    axis : "x" or "y"
-    times : one float per frame of the plan, optional
-        By default those of a cycle, from its middle.
-    """
-    if times is None:
-        times = [k - 0.5 * (plan.frames - 1) for k in range(plan.frames)]
+def late_frames(plan: PatternPlan, axis: Axis) -> float:
+    """Mean time of the sets along an axis from the middle of a cycle, weighted as in
+    ``distance_of``, frames."""
+    times = [k - 0.5 * (plan.frames - 1) for k in range(plan.frames)]
     sets = plan.phase_sets(axis)
     weights = [block.period_px**-2.0 for _, block in sets]
     means = [float(np.mean(times[first : first + block.frames])) for first, block in sets]

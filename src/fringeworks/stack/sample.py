@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -76,15 +75,6 @@ class Sample:
         clear = np.logical_and.reduce([plane[0] < counts for plane in self.points])
         few = clear.all() or np.count_nonzero(clear) < MIN_CLEAR
         return self.points if few else tuple(plane[:, clear] for plane in self.points)
-
-    def reordered(self, order: Sequence[int]) -> Sample:
-        """The sample with the frames in another order: place k gets frame ``order[k]``."""
-        return Sample(
-            tuple(self.points[k] for k in order),
-            {axis: tuple(lines[k] for k in order) for axis, lines in self.lines.items()},
-            self.patch,
-            self.down,
-        )
 
 
 def take_sample(planes: Planes, plan: PatternPlan) -> Sample:

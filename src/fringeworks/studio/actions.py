@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol
 
 from fringeworks.evaluate.inspect import inspect
 from fringeworks.files.findings import findings_as_dicts
-from fringeworks.files.merged import write_merged_points
+from fringeworks.files.points import write_merged_points
 from fringeworks.files.read_write import write
 from fringeworks.files.rig import read_rig, write_rig
 from fringeworks.files.setup import write_setup

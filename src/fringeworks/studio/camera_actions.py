@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from fringeworks.files.merged import write_merged_points
 from fringeworks.files.multi_rig import write_multi_rig
+from fringeworks.files.points import write_merged_points
 from fringeworks.pipeline.cameras import measure_cameras
 from fringeworks.pipeline.verbs import calibrate
 from fringeworks.report.summary import summarise

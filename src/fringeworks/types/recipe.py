@@ -357,6 +357,10 @@ class Recipe(Frozen):
             raise InputError(
                 f"risk: expected a probability above 0 and at most 0.5, got {self.risk}"
             )
+        for one in self.tolerances:
+            if not isinstance(one, PartTolerance):
+                got = type(one).__name__
+                raise InputError(f"tolerances: expected each as a PartTolerance, got {got}")
         named = [name for one in self.tolerances for name in one.areas]
         named += [name for one in self.datums.values() for name in one.areas]
         for name in (name for one in self.tolerances for name in one.zone.datums):

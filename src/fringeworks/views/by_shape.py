@@ -48,9 +48,7 @@ class Together:
     """Other poses of each view that fit equally well."""
 
 
-def align_by_shape(
-    views: Sequence[SurfacePoints], *, step_deg: float | None = None, seed: int = 0
-) -> Together:
+def align_by_shape(views: Sequence[SurfacePoints], *, step_deg: float | None = None) -> Together:
     """Find the poses of views from their shape, without poses to start from.
 
     Parameters
@@ -59,8 +57,6 @@ def align_by_shape(
         In camera coordinates; neighbours overlap.
     step_deg : float, optional
         Angle between neighbouring views, degrees; chooses among poses that fit.
-    seed : int
-        Seed of the random choice of matches.
 
     Returns
     -------
@@ -77,7 +73,7 @@ def align_by_shape(
     the fewest contradictions (``contradictions``) is taken.
     """
     known = [described(view) for view in views]
-    found = _pairs(known, seed)
+    found = _pairs(known)
     chi = max(1.0, float(np.median([min(f.chi for f in pair) for pair in found])))
     search = _Search(known, found, chi)
     chains = search.equal_steps(step_deg)
@@ -127,15 +123,15 @@ def with_others(pose: ViewPose, T: FloatMap, others: Sequence[FloatMap]) -> View
     return replace(pose, noise=pose.noise + off.T @ off / (1 + len(others)))
 
 
-def _pairs(known: Sequence[Described], seed: int) -> list[list[Registration]]:
+def _pairs(known: Sequence[Described]) -> list[list[Registration]]:
     """Poses of each view but the first in the one before it, those that fit best first."""
     found = []
     for k in range(1, len(known)):
         try:
-            found.append(_neighbour(known[k], known[k - 1], seed))
+            found.append(_neighbour(known[k], known[k - 1]))
         except InputError as error:
             raise error.at(f"views {k} and {k + 1}") from error
-    turns = _turns(known, found, seed)
+    turns = _turns(known, found)
     if len(turns) > 1:
         for k, pair in enumerate(found, 1):
             to_first, one = _chain(found[:k]), pair[0].T_target_source
@@ -144,16 +140,16 @@ def _pairs(known: Sequence[Described], seed: int) -> list[list[Registration]]:
     return found
 
 
-def _neighbour(source: Described, target: Described, seed: int) -> list[Registration]:
+def _neighbour(source: Described, target: Described) -> list[Registration]:
     """Poses of a view in the one before it, by features; where these find none that fits, by
     rotations all around."""
     found: list[Registration] = []
     with suppress(InputError):
-        found = _plausible(source, target, candidates(source, target, seed=seed))
+        found = _plausible(source, target, candidates(source, target))
     if found and _between(source, target, found[0]) <= _most_against(source, target):
         return found
     model = target.nodes.xyz_mm, target.nodes.normals
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     starts = rough_poses(
         source.view, model, source.size_mm, one_view=True, most=MOST_POSES, rng=rng
     )
@@ -199,9 +195,7 @@ def _chain(found: Sequence[Sequence[Registration]]) -> FloatMap:
     return reduce(np.matmul, [pair[0].T_target_source for pair in found], np.eye(4))
 
 
-def _turns(
-    known: Sequence[Described], found: Sequence[Sequence[Registration]], seed: int
-) -> list[FloatMap]:
+def _turns(known: Sequence[Described], found: Sequence[Sequence[Registration]]) -> list[FloatMap]:
     """Transforms that map the part nearly to itself, in the first view's coordinates; the identity
     first. The first view is searched in all views together, from rotations all around."""
     first = known[0]
@@ -209,7 +203,7 @@ def _turns(
     parts = [d.nodes.moved(T) for d, T in zip(known, to_first, strict=True)]
     nodes = together(parts)
     model = nodes.xyz_mm, nodes.normals
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     starts = rough_poses(first.view, model, first.size_mm, one_view=True, most=MOST_POSES, rng=rng)
     whole = together([d.view.moved(T) for d, T in zip(known, to_first, strict=True)])
     several: list[FloatMap] = [np.eye(4)]

@@ -20,10 +20,6 @@ MIN_AXIS_POSES = 3
 MIN_TURN_DEG = 5.0
 """Smallest range of angles that determines an axis, degrees. With less, the axis is determined more
 than ten times worse than the poses themselves."""
-SETTLED = 1e-10
-"""Step of the axis fit, in rad and mm, below which the fit has converged: far below any error."""
-MAX_STEPS = 50
-"""Largest number of steps of the axis fit; it needs fewer than ten."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -121,10 +121,7 @@ def _need_half_a_turn(body: Body, points: FloatMap) -> None:
         )
 
 
-def zone_of(values: FloatMap, slopes: FloatMap, least: float = DETERMINED) -> float:
-    """Return the smallest largest size of values + slopes · x, in one linear step.
-
-    Directions of x with less effect than ``least``, relative to the largest one, have none.
-    """
-    x, _ = _step(values, slopes, "minimum-zone", None, least)
+def zone_of(values: FloatMap, slopes: FloatMap) -> float:
+    """Return the smallest largest size of values + slopes · x, in one linear step."""
+    x, _ = _step(values, slopes, "minimum-zone", None, DETERMINED)
     return float(np.abs(values + slopes @ x).max())

@@ -9,7 +9,6 @@ from types import MappingProxyType
 import numpy as np
 
 from fringeworks.evaluate.area_points import AreaPoints
-from fringeworks.evaluate.quantified import Quantified
 from fringeworks.evaluate.quantities import AreaDeviation
 from fringeworks.evaluate.tolerances.bodies import Body
 from fringeworks.evaluate.tolerances.datums import DatumFeature, System, system
@@ -20,7 +19,7 @@ from fringeworks.evaluate.tolerances.skins import (
     skin,
     skin_of_model,
 )
-from fringeworks.evaluate.tolerances.uncertain import Value, quantified
+from fringeworks.evaluate.tolerances.uncertain import Value
 from fringeworks.evaluate.tolerances.zones import (
     Feature,
     form,
@@ -115,22 +114,15 @@ DERIVED = frozenset(
 """Characteristics of the axis, where the feature is a cylinder."""
 
 
-def measure_tolerance(
+def prepared(
     tolerance: PartTolerance, recipe: Recipe, of_area: Points, of_model: Points
-) -> Quantified:
-    """Measure a characteristic of ISO 1101.
+) -> tuple[Value, list[Skin]]:
+    """Return a characteristic as a function of changes of its surfaces, and the surfaces.
 
     Raises
     ------
     InputError for features that the areas do not show, and datums that do not fit together.
     """
-    return quantified(*prepared(tolerance, recipe, of_area, of_model))
-
-
-def prepared(
-    tolerance: PartTolerance, recipe: Recipe, of_area: Points, of_model: Points
-) -> tuple[Value, list[Skin]]:
-    """Return a characteristic as a function of changes of its surfaces, and the surfaces."""
     zone = tolerance.zone
     datums = [recipe.datums[name] for name in zone.datums]
     groups = [_datum_skins(datum, of_area) for datum in datums]

@@ -50,11 +50,6 @@ def words(_: LightSeparation, figures: dict[str, Any]) -> Iterator[Word]:
         f"σ {sigma_text(figures['median_indirect_sigma'])}; "
         f"direct {number(figures['median_direct'])} counts"
     )
-    if not figures["has_black"]:
-        yield (
-            "note: the plan has no black frame, so indirect light contains twice the light of "
-            "the room and the black level"
-        )
     yield f"   failed: {percent(figures['failed_fraction'])} ({failed})"
 
 

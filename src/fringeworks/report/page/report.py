@@ -24,6 +24,7 @@ from fringeworks.report.page.pdf import write_pdf
 from fringeworks.report.page.surfaces import comparable
 from fringeworks.report.page.tolerances import Tolerance, parse_tolerance
 from fringeworks.report.verdicts import Verdict, verdict_of
+from fringeworks.report.viewer.content import check_every
 from fringeworks.types import FileProblem, InputError, Provenance, Rig, made_by
 from fringeworks.types.report_head import checked_head, headline
 
@@ -93,11 +94,13 @@ def write_report(
     Raises
     ------
     InputError for something that is no result, tolerances on figures that a result does not have,
-    and unknown fields of the head; FileProblem for files that cannot be read or written.
+    an ``every`` below 1, and unknown fields of the head; FileProblem for files that cannot be read
+    or written.
     """
     path = Path(path)
     check_report_target(path)
     paper_mm(paper)
+    check_every(every)
     if pdf is not None:
         check_target(pdf, (".pdf",))
     read = results.values() if isinstance(results, Mapping) else (results,)

@@ -85,8 +85,7 @@ class Content:
 
 def content_of(result: object, camera: Rig | Pinhole | None, every: int) -> Content:
     """The content of a result; see ``pack_surface``."""
-    if not isinstance(every, int) or every < 1:
-        raise InputError(f"every: expected a whole number of 1 or more, got {every!r}")
+    check_every(every)
     if camera is not None and not isinstance(result, Measurement | PointCloud):
         raise InputError(
             f"camera: expected none for a {type(result).__name__}; only point clouds have one"
@@ -105,6 +104,12 @@ def content_of(result: object, camera: Rig | Pinhole | None, every: int) -> Cont
         points=np.where(measured[..., None], found.points, np.nan),
         sigma=np.where(measured & np.isfinite(found.sigma), found.sigma, np.nan),
     )
+
+
+def check_every(every: int) -> None:
+    """Refuse a number of columns and rows of which one is shown that is none."""
+    if not isinstance(every, int) or every < 1:
+        raise InputError(f"every: expected a whole number of 1 or more, got {every!r}")
 
 
 def check_pixels(pixels: int, every: int) -> None:

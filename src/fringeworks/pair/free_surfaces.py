@@ -24,6 +24,9 @@ from fringeworks.types import BoolMap, FloatMap
 FREE_PERIODS = 1.0
 """Distance of surfaces from which on the gap between them is wide, and up to which broken places
 belong to a surface, periods: filters smear a cliff over half a period on either side."""
+FREE_AREA = 2.0
+"""Smallest surface that must be told, square periods: the creases of a rough surface leave patches
+of 1.5. The order of smaller ones stands unless the fringes contradict it."""
 STEP_AREA = 0.25
 """Smallest surface that is looked at, square periods: smaller ones are scraps on a flank."""
 STATES = 16
@@ -107,9 +110,10 @@ def free_surfaces(
     open_[part[kept]] = True
     open_ &= ~known
     place, evidence = np.where(kept, part, 0)[place], None
+    size = np.bincount(place.ravel(), minlength=count + 1) / period**2
+    near = _near(place, known, FREE_PERIODS * period) | (size < FREE_AREA)
     while open_.any():
         evidence = evidence or _Evidence.of(prepared, u_px)
-        near = _near(place, known, FREE_PERIODS * period)
         found = _told(evidence, _gaps(place, known, open_), open_, near)
         if not found.any():
             break
@@ -121,10 +125,14 @@ def free_surfaces(
 
 
 def _near(place: NDArray[np.int32], known: BoolMap, reach_px: float) -> BoolMap:
-    """Surfaces within some pixels of known ones, by number."""
-    close = scipy.ndimage.distance_transform_edt(~known[place]) < reach_px
+    """Surfaces that steps of less than some pixels lead to from known ones, by number."""
+    close = scipy.ndimage.distance_transform_edt(place == 0) < 0.5 * reach_px
+    whole, count = scipy.ndimage.label(close)
+    led = np.zeros(count + 1, bool)
+    led[whole[known[place]]] = True
+    led[0] = False
     near = np.zeros(known.size, bool)
-    near[place[close]] = True
+    near[place[led[whole]]] = True
     return near
 
 
@@ -193,15 +201,16 @@ def _told(evidence: _Evidence, gaps: Gaps, open_: BoolMap, near: BoolMap) -> Boo
     Notes
     -----
     The misfit of both sides together is −2 log likelihood of an order. It is measured in what the
-    best order leaves per pixel, or in that of noise where this is less. Surfaces near known ones
-    need less evidence (``BROKEN``), because most surfaces continue. None is told across wide gaps
-    that no order explains. A side without room for another period needs no misfit: the light would
-    have to run backwards.
+    best order leaves per pixel, or in that of noise where this is less. Most surfaces continue, so
+    small ones, and those near known ones, keep their order where none is far likelier. Others need
+    evidence, and an order that explains the gaps (``BROKEN``).
+    A side without room for another period needs no misfit: the light would have to run backwards.
     """
     found = np.zeros(open_.size, bool)
     for number in np.flatnonzero(open_):
         sides = [_some(gaps, (gaps.surface == number) & (gaps.way == way)) for way in (1, -1)]
         if min(side.row.size for side in sides) == 0:
+            found[number] = near[number]
             continue
         if all(np.median(evidence.room(side)) < 1.0 for side in sides):
             found[number] = True
@@ -213,7 +222,8 @@ def _told(evidence: _Evidence, gaps: Gaps, open_: BoolMap, near: BoolMap) -> Boo
             pixels += float(np.median(side.last - side.first)) - 1.0
         usual = max(float(energy.min()) / max(pixels, 1.0), 1.0)
         odds = float((energy[[0, 2]] - energy[1]).min()) / usual
-        found[number] = odds > BROKEN if near[number] else (odds > SURE and usual < BROKEN)
+        continued = odds > -SURE
+        found[number] = continued if near[number] else (odds > SURE and usual < BROKEN)
     return found
 
 

@@ -109,19 +109,28 @@ def free_surfaces(
     known[part[rim]] = True
     open_[part[kept]] = True
     open_ &= ~known
-    place, evidence = np.where(kept, part, 0)[place], None
-    size = np.bincount(place.ravel(), minlength=count + 1) / period**2
-    near = _near(place, known, FREE_PERIODS * period) | (size < FREE_AREA)
-    while open_.any():
-        evidence = evidence or _Evidence.of(prepared, u_px)
-        found = _told(evidence, _gaps(place, known, open_), open_, near)
-        if not found.any():
-            break
-        known, open_ = known | found, open_ & ~found
+    place = np.where(kept, part, 0)[place]
+    known, open_ = _grown(prepared, u_px, place, known, open_)
     if not open_.any():
         return nothing
     around = scipy.ndimage.distance_transform_edt(~open_[place]) < 2.0 * FREE_PERIODS * period
     return np.asarray(around & ~known[place])
+
+
+def _grown(
+    prepared: PreparedPair, u_px: FloatMap, place: NDArray[np.int32], known: BoolMap, open_: BoolMap
+) -> tuple[BoolMap, BoolMap]:
+    """The known surfaces, with those that gaps tell from there on, and those that stay open."""
+    period = prepared.period
+    size = np.bincount(place.ravel(), minlength=known.size) / period**2
+    near = _near(place, known, FREE_PERIODS * period) | (size < FREE_AREA)
+    evidence = _Evidence.of(prepared, u_px) if open_.any() else None
+    while evidence is not None and open_.any():
+        found = _told(evidence, _gaps(place, known, open_), open_, near)
+        if not found.any():
+            break
+        known, open_ = known | found, open_ & ~found
+    return known, open_
 
 
 def _near(place: NDArray[np.int32], known: BoolMap, reach_px: float) -> BoolMap:

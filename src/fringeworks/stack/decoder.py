@@ -151,8 +151,9 @@ class Decoder:
         self._factors: FloatMap | None = None
         self._decoded: Decoded | None = None
         self._cloud: PointCloud | None = None
-        self._of_range: tuple[Finding, ...] = ()
-        """What the points of the last judged stack say of the depth range's periods."""
+
+    _of_range: tuple[Finding, ...] = ()
+    """What the points of the last judged stack say of the depth range's periods."""
 
     @property
     def findings(self) -> tuple[Finding, ...]:

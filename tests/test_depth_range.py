@@ -281,6 +281,21 @@ def test_the_decoder_and_measure_agree():
         np.testing.assert_array_equal(decoder.points(shot.frames).xyz_mm, expected.xyz_mm)
 
 
+def test_the_decoder_says_what_the_scene_says_of_the_periods():
+    seen = view("blocks")
+    range_mm = depths(seen)
+    plan = fw.patterns.propose_for_depth(RIG, range_mm, 4, modulation=20)[0].plan
+    frames = stack(seen, plan, 5)
+    decoder = fw.stack.Decoder(plan, RIG.camera.shape, rig=RIG, depth_mm=range_mm)
+    of_measure = fw.measure(frames, RIG, depth_mm=range_mm).points.findings
+    told = [f for f in of_measure if f.kind == "whole periods"]
+    assert told
+    for _ in range(2):  # judged, and not judged
+        found = decoder.points(list(frames.frames)).findings
+        assert [f for f in found if f.kind == "whole periods"] == told
+        assert set(told) <= set(decoder.findings)
+
+
 def test_plans_for_a_range_have_room_for_it():
     range_mm = (470.0, 540.0)
     span = fw.rig.DepthRange(RIG, range_mm).period_px("x")

@@ -35,6 +35,8 @@ dark part of a fringe is shorter (0.4 periods with a response of γ = 2.2, see `
 DARK = 0.1
 """Largest brightness in a shadow, as a share of that of the fringes around it, from their darkest
 to their brightest. A sinusoidal fringe is that dark over a fifth of its period."""
+DARK_SIGMAS = 3.0
+"""Standard deviations by which noise lowers the darkest of some hundred pixels."""
 SURROUNDINGS = 3.0
 """Distance up to which the fringes around a pixel are looked at, periods: shadows up to twice as
 wide have lit fringes on one side at least."""
@@ -182,9 +184,7 @@ def shadows_without_step(prepared: PreparedPair, found: DisplacementMap) -> Bool
     u = turn(found.displacement_px)
     away = max(1, round(AWAY * period))
     marked = np.zeros(u.shape, bool)
-    dark, painted = (
-        dark_pixels(frame, prepared.period) for frame in (prepared.object, prepared.reference)
-    )
+    dark, painted = dark_places(prepared)
     row, first, last = shadows_along(dark, painted, MIN_SHADOW * period, away)
     step = u[row, last - 1 + away] - u[row, first - away]
     more = (last - first - step) / period
@@ -219,6 +219,26 @@ def shadows_along(
     kept = (last - first >= least_px) & (first >= away) & (last - 1 + away < dark.shape[1])
     kept &= 2 * (sums[line, last] - sums[line, first]) <= last - first
     return line[kept], first[kept], last[kept]
+
+
+def dark_places(prepared: PreparedPair) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
+    """1 where the object, and where the reference, is dark, (h, w) each.
+
+    Notes
+    -----
+    ``DARK`` of the fringes' contrast must exceed the noise of pixels by ``DARK_SIGMAS`` on either
+    side. Where it does not, frames are averaged along the fringes.
+    """
+    found = []
+    for frame, noise in zip(
+        (prepared.object, prepared.reference), prepared.noise[::-1], strict=True
+    ):
+        spread = DARK_SIGMAS * float(np.sqrt(noise)) / (DARK * prepared.modulation)
+        rows = int(np.clip(np.ceil(spread**2), 1, max(1, prepared.period)))
+        counts = np.asarray(frame, np.float64)
+        averaged = scipy.ndimage.uniform_filter1d(counts, rows, axis=0) if rows > 1 else counts
+        found.append(dark_pixels(averaged, prepared.period))
+    return found[0], found[1]
 
 
 def dark_pixels(frame: FloatMap, period_px: float) -> NDArray[np.int8]:

@@ -66,6 +66,50 @@ class Orders(NamedTuple):
     """Where they depend on the weight of the evidence."""
 
 
+class Compared(NamedTuple):
+    """The object beside the reference at the matching points, in patches; (h, w) arrays."""
+
+    object_mean: FloatMap
+    reference_mean: FloatMap
+    gain: FloatMap
+    """Modulation of the object over that of the reference, at least 0."""
+    misfit: FloatMap
+    """Mean square of what they leave of the object, in variances that are usual."""
+
+
+def compared(prepared: PreparedPair, u_px: FloatMap) -> Compared:
+    """Compare the object with a + b s(x − u) in a patch around every pixel.
+
+    Parameters
+    ----------
+    prepared : PreparedPair
+    u_px : (h, w) array
+        Its displacement, px; finite.
+    """
+    width = u_px.shape[1]
+    place = np.clip(np.arange(width) - u_px, 0.0, width - 1.0)
+    low = np.minimum(place.astype(np.intp), width - 2)
+    frame = np.asarray(prepared.reference, np.float64)
+    first, second = (np.take_along_axis(frame, low + k, axis=1) for k in (0, 1))
+    seen, light = np.asarray(prepared.object, np.float64), first + (place - low) * (second - first)
+    side = max(5, round(PATCH * prepared.period) | 1)
+    seen_mean, light_mean = box_mean(seen, side), box_mean(light, side)
+    both = box_mean(seen * light, side) - seen_mean * light_mean
+    # Where the frames are even, as beside what was measured, rounding alone is left of them.
+    rounding = np.finfo(float).eps * float(np.max(np.abs(light), initial=1.0)) ** 2
+    power = np.maximum(box_mean(light * light, side) - light_mean**2, rounding)
+    gain = np.maximum(both, 0.0) / power
+    left = box_mean(seen * seen, side) - seen_mean**2 - gain * (2.0 * both - gain * power)
+    misfit = np.maximum(left, 0.0) / usual_variance(prepared, gain)
+    return Compared(seen_mean, light_mean, gain, misfit)
+
+
+def usual_variance(prepared: PreparedPair, gain: FloatMap) -> FloatMap:
+    """Variance that noise and the model of a smooth surface leave of the object, counts²."""
+    usual = prepared.noise[0] + (MODEL_SHARE * prepared.modulation) ** 2
+    return np.asarray(prepared.noise[1] + gain**2 * usual)
+
+
 def continuity(prepared: PreparedPair, u_px: FloatMap) -> NDArray[np.float32]:
     """How likely the surface continues at a pixel.
 
@@ -84,22 +128,7 @@ def continuity(prepared: PreparedPair, u_px: FloatMap) -> NDArray[np.float32]:
     if not known.any():
         return np.full(u_px.shape, LEAST, np.float32)
     u = fill_nearest(u_px, known)
-    width = u.shape[1]
-    place = np.clip(np.arange(width) - u, 0.0, width - 1.0)
-    low = np.minimum(place.astype(np.intp), width - 2)
-    frame = np.asarray(prepared.reference, np.float64)
-    first, second = (np.take_along_axis(frame, low + k, axis=1) for k in (0, 1))
-    seen, light = np.asarray(prepared.object, np.float64), first + (place - low) * (second - first)
-    side = max(5, round(PATCH * prepared.period) | 1)
-    seen_mean, light_mean = box_mean(seen, side), box_mean(light, side)
-    both = box_mean(seen * light, side) - seen_mean * light_mean
-    # Where the frames are even, as beside what was measured, rounding alone is left of them.
-    rounding = np.finfo(float).eps * float(np.max(np.abs(light), initial=1.0)) ** 2
-    power = np.maximum(box_mean(light * light, side) - light_mean**2, rounding)
-    gain = np.maximum(both, 0.0) / power
-    left = box_mean(seen * seen, side) - seen_mean**2 - gain * (2.0 * both - gain * power)
-    usual = prepared.noise[0] + (MODEL_SHARE * prepared.modulation) ** 2
-    misfit = np.maximum(left, 0.0) / (prepared.noise[1] + gain**2 * usual)
+    misfit = compared(prepared, u).misfit
     likely = 1.0 / (1.0 + (misfit / BROKEN) ** 2 + (_bend(u, prepared.period) / BENT) ** 2)
     return np.where(known, np.maximum(likely, LEAST), LEAST).astype(np.float32)
 

@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fringeworks.pair.free_surfaces import free_surfaces
-from fringeworks.pair.order_range import AWAY, SHADOW_TOLERANCE, dark_pixels, shadows_along
+from fringeworks.pair.order_range import AWAY, SHADOW_TOLERANCE, dark_places, shadows_along
 from fringeworks.pair.order_regions import Links, Orders, continuity, likely_orders
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.reference_phase import moved_by_periods
@@ -49,7 +49,7 @@ class ShadowOrders(Frozen):
     """Whole periods by which surfaces beside such lines, and free ones, may be off, which σ
     holds."""
     free: BoolMap
-    """Surfaces that are too far from all others for anything to tell their order."""
+    """Surfaces whose order neither fringes nor shadows tell, and broken places around them."""
     open_lines: int
     """Lines whose shadow differs by whole periods from the step, and whose order stays open."""
 
@@ -72,7 +72,7 @@ def by_shadows(
     order depends on the weight of the evidence are NaN (``ORDER_AMBIGUOUS``), and so are broken
     places beside both, and surfaces there that no shadow reaches. Where lines stay open, σ holds
     the periods: a box whose height is close to a period has no border that could be seen. So does σ
-    of surfaces that lie far from all others (``free_surfaces``).
+    of surfaces beside which the fringes fit other orders as well (``free_surfaces``).
 
     Notes
     -----
@@ -99,9 +99,12 @@ def by_shadows(
         # A line that no surface was found beside, and one that is open, leave an order open.
         undecided = orders.undecided[links.rows, links.columns].any(axis=1)
         still = int(np.count_nonzero(open_links | undecided)) + len(unused.whole)
-        doubt = _doubt(links, open_links, ends, u.shape, REACH * period)
+        left = links._replace(whole=links.whole - np.diff(ends, axis=1)[:, 0])
+        cut = _chosen(links, ~open_links & _cut_off(on, refused, links))
+        lines = _both(_both(_chosen(left, open_links), cut), unused)
+        doubt = _doubt(lines, u.shape, REACH * period)
     closed = (links.rows[~open_links], links.columns[~open_links])
-    free = free_surfaces(on, closed, period, MIN_LINES)
+    free = free_surfaces(prepared, u, on, closed, MIN_LINES)
     maps = [sealed(turn(values)) for values in (whole, refused, np.maximum(doubt, free), free)]
     corrections = ShadowOrders(maps[0], maps[1], maps[2], maps[3], still)
     return _corrected(prepared, found, corrections), corrections
@@ -145,25 +148,38 @@ def _undecided(
     return np.asarray(orders.undecided | np.where(on, lost[place], broken))
 
 
-def _doubt(
-    links: Links,
-    open_links: BoolMap,
-    ends: NDArray[np.int64],
-    shape: tuple[int, ...],
-    reach_px: float,
-) -> NDArray[np.int16]:
+def _doubt(lines: Links, shape: tuple[int, ...], reach_px: float) -> NDArray[np.int16]:
     """Periods that the surfaces on both sides of open lines may be off by, (h, w), up to the border
     of the frame: nothing says on which side the body stands, nor where it ends."""
     doubt = np.zeros(shape, np.int16)
-    apart = np.abs(links.whole - np.diff(ends, axis=1)[:, 0])
-    if np.count_nonzero(open_links) < MIN_LINES:
+    if len(lines.whole) < MIN_LINES:
         return doubt
-    for k in np.flatnonzero(open_links):
-        for row, column, way in zip(links.rows[k], links.columns[k], (-1, 1), strict=True):
+    for rows, columns, whole in zip(*lines, strict=True):
+        for row, column, way in zip(rows, columns, (-1, 1), strict=True):
             side = doubt[row, column::way]
-            np.maximum(side, np.int16(apart[k]), out=side)
+            np.maximum(side, np.int16(abs(whole)), out=side)
     # The ends of a shadow are too short to be read.
     return np.asarray(scipy.ndimage.maximum_filter1d(doubt, round(reach_px) | 1, axis=0))
+
+
+def _cut_off(on: BoolMap, refused: BoolMap, links: Links) -> BoolMap:
+    """Lines at whose ends a part of a surface is not measured, while its other parts are, (n,)."""
+    place, count = scipy.ndimage.label(on)
+    rest = np.bincount(place[~refused], minlength=count + 1) > 0
+    rest[0] = False
+    ends = links.rows, links.columns
+    return np.asarray((refused[ends] & rest[place[ends]]).any(axis=1) & (links.whole != 0))
+
+
+def _chosen(links: Links, chosen: BoolMap) -> Links:
+    """Some of the links."""
+    return Links(links.rows[chosen], links.columns[chosen], links.whole[chosen])
+
+
+def _both(one: Links, two: Links) -> Links:
+    """The links of both."""
+    rows, columns, whole = (np.concatenate(parts) for parts in zip(one, two, strict=True))
+    return Links(rows, columns, whole)
 
 
 def _told(orders: Orders, links: Links, least_px: float = 0.0) -> Orders:
@@ -251,10 +267,9 @@ def _seen(prepared: PreparedPair, u: FloatMap, period_px: float) -> Links:
     def taken(values: np.ndarray) -> np.ndarray:
         return np.asarray(np.take_along_axis(values, rows, axis=0))
 
-    dark = taken(dark_pixels(prepared.object, period_px)) * inside
+    dark, painted = (taken(places) for places in dark_places(prepared))
     away = max(1, round(AWAY * period_px))
-    painted = taken(dark_pixels(prepared.reference, period_px))
-    line, first, last = shadows_along(dark, painted, MIN_SHADOW * period_px, away)
+    line, first, last = shadows_along(dark * inside, painted, MIN_SHADOW * period_px, away)
     before, beyond = first - away, last - 1 + away
     displacement = taken(u)
     step = displacement[line, beyond] - displacement[line, before]
@@ -287,9 +302,7 @@ def _linked(seen: Links, on: BoolMap, reach_px: float) -> tuple[Links, Links]:
         axis=1,
     )
     places = np.where(near, np.stack((first, last), axis=1), seen.columns)
-    used = near.all(axis=1)
+    used = np.asarray(near.all(axis=1))
     unused = ~used & (seen.whole != 0)
-    return (
-        Links(seen.rows[used], places[used], seen.whole[used]),
-        Links(seen.rows[unused], places[unused], seen.whole[unused]),
-    )
+    there = seen._replace(columns=places)
+    return _chosen(there, used), _chosen(there, unused)

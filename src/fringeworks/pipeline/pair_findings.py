@@ -279,9 +279,9 @@ def free_findings(shadows: ShadowOrders, *, applied: bool) -> tuple[Finding, ...
     return (
         Finding(
             "whole periods",
-            f"{100 * share:.1f} % of the pixels belong to surfaces that lie a period or more from "
-            f"all others: their flanks are too steep for the fringes to be followed, and whole "
-            f"periods are unknown; {held}",
+            f"{100 * share:.1f} % of the pixels belong to surfaces behind flanks that are "
+            f"too steep for the fringes to be followed: the fringes on both sides fit another "
+            f"number of whole periods as well, or better; {held}",
             causes=("flanks along which the fringes are compressed to a few pixels",),
             advice="use fringes of a longer period, a smaller angle, or shifted fringes with Gray "
             "code; with a rig, a depth range (depth_mm) tells the periods",

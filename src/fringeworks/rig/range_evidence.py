@@ -214,10 +214,11 @@ class _Scene:
         near, far = np.full(np.prod(shape), np.inf), np.full(np.prod(shape), -np.inf)
         np.minimum.at(near, flat, there[:, 2] + room)
         np.maximum.at(far, flat, there[:, 2] - room)
-        apart_mm = HIDDEN_PERIODS * self._period_mm()
-        both = (far - near > apart_mm).reshape(shape)
-        count = int(np.count_nonzero(scipy.ndimage.binary_opening(both, SQUARE)))
-        if count < MIN_CELLS:
+        if not self._many(far > near, shape):
+            return []
+        both = far - near > HIDDEN_PERIODS * self._period_mm()
+        count = self._many(both, shape)
+        if not count:
             return []
         lit = int(np.count_nonzero(np.isfinite(near)))
         share = f"{count / lit:.1%} of the projector's light that was measured meets two surfaces"
@@ -233,6 +234,14 @@ class _Scene:
                 pixels=Pixels(count, lit),
             )
         ]
+
+    @staticmethod
+    def _many(both: BoolMap, shape: tuple[int, ...]) -> int:
+        """Number of marked cells in squares of them; 0 for too few."""
+        if np.count_nonzero(both) < MIN_CELLS:
+            return 0
+        count = int(np.count_nonzero(scipy.ndimage.binary_opening(both.reshape(shape), SQUARE)))
+        return count if count >= MIN_CELLS else 0
 
     @cached_property
     def pitch_px(self) -> float:
@@ -257,8 +266,13 @@ class _Scene:
 
     def ends(self) -> tuple[FloatMap, FloatMap]:
         """Measured pixels beside some without light, and their coordinates."""
-        dark = np.isin(self.map.reason, (Reason.SHADOW, Reason.LOW_MODULATION))
-        return self.sampled(scipy.ndimage.binary_dilation(dark, SQUARE) & self.measured)
+        reason = self.map.reason
+        dark = (reason == Reason.SHADOW) | (reason == Reason.LOW_MODULATION)
+        dark[1:] |= dark[:-1].copy()
+        dark[:-1] |= dark[1:].copy()
+        dark[:, 1:] |= dark[:, :-1].copy()
+        dark[:, :-1] |= dark[:, 1:].copy()
+        return self.sampled(dark & self.measured)
 
     def at_border(self, pixels: FloatMap, goal_px: FloatMap) -> int:
         """Number of pixels that lie at the border of the projector's frame, if most do and few

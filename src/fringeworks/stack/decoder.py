@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Unpack
 
 import numpy as np
@@ -12,6 +13,7 @@ from fringeworks import _core
 from fringeworks.patterns.plan import COLOURS, PatternPlan, repeats
 from fringeworks.rig.depth_range import DepthRange, depth_range_of
 from fringeworks.rig.epipolar import calibration_share
+from fringeworks.rig.range_evidence import range_findings
 from fringeworks.rig.triangulate import Triangulator, measured_points
 from fringeworks.stack.colour_steps import unmix
 from fringeworks.stack.decode import (
@@ -150,10 +152,13 @@ class Decoder:
         self._decoded: Decoded | None = None
         self._cloud: PointCloud | None = None
 
+    _of_range: tuple[Finding, ...] = ()
+    """What the points of the last judged stack say of the depth range's periods."""
+
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What the last judgement found; empty before the first stack."""
-        return () if self._found is None else self._found.findings
+        return () if self._found is None else (*self._found.findings, *self._of_range)
 
     @property
     def epipolar_px(self) -> float:
@@ -242,6 +247,11 @@ class Decoder:
             )
             if judged:
                 self._factors = self._scatter(planes, triangulator, self._cloud)
+                assert self._decoded is not None
+                self._of_range = range_findings(self._cloud, decoded, self._decoded, self._depth)
+            if self._of_range:
+                told = (*self._cloud.findings, *self._of_range)
+                return replace(self._cloud, findings=told)
         else:
             self._count(judged=False)
             self._cloud = self._one_pass(planes, triangulator, self._cloud, self._factors)

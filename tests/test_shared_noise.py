@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 import scipy
 
-from fringeworks.evaluate.area_points import Term, area_points, sigma_of
+from fringeworks.evaluate import shares
+from fringeworks.evaluate.area_points import Term, area_points, shares_of
 from fringeworks.evaluate.quantities import flatness, step_height
-from fringeworks.evaluate.tolerances.measure import measure_tolerance
+from fringeworks.evaluate.tolerances.measure import prepared
 from fringeworks.evaluate.tolerances.neighbours import _Blur, _Field, correlations, neighbours
+from fringeworks.evaluate.tolerances.uncertain import quantified
 from tests.tolerance_bodies import NOISE_MM, SIDE, Case, case, grid, zone
 
 pytestmark = pytest.mark.statistical
@@ -135,7 +137,7 @@ def test_means_are_as_unsure_as_shared_noise_makes_them():
         over.append(found.value / found.sigma)
         n = len(one.points)
         up = np.array([0.0, 0.0, 1.0])
-        sigma = sigma_of([Term(one, np.full(n, 1.0 / n), up)])
+        sigma = shares.total(shares_of([Term(one, np.full(n, 1.0 / n), up)]))
         mean_over.append((one.middle[2] - 500.0) / sigma)
     # With independent noise, they were 2.4 times as large.
     for each in (over, mean_over):
@@ -164,7 +166,7 @@ def test_tolerances_hold_their_sigma_under_shared_noise(quantity, seed):
         def of_area(name, cloud=cloud):
             return area_points(cloud, recipe.areas[name])
 
-        values.append(measure_tolerance(one.tolerance, recipe, of_area, of_area))
+        values.append(quantified(*prepared(one.tolerance, recipe, of_area, of_area)))
     true, alone, shared = values
     assert shared.sigma > 1.3 * alone.sigma
     assert abs(shared.value - true.value) < 3.0 * shared.sigma

@@ -216,7 +216,7 @@ def check_plan(projector: Projector, plan: PatternPlan, *, colours: bool = False
     that in a ``MemoryProjector``.
     """
     check_is_plan(plan)
-    if not hasattr(projector, "show"):
+    if not hasattr(projector, "size_px"):
         raise InputError(
             f"projector: expected a Projector, as open_devices returns, got {projector!r}"
         )

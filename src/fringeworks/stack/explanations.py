@@ -66,7 +66,9 @@ def near(found: Explanation, planned: Mapping[Axis, FloatMap]) -> bool:
     some = gain > LEAST_EXPLAINED * cost
     if gain > 0.0 and h.explained > (COUNT_EXPLAINED if h.kind == "count" else EXPLAINED):
         return some or h.kind not in OF_ALL
-    return some and not h.band and h.kind != "count" and unfit(planned)
+    # Distances and speeds are looked for, so that some of what dim light leaves fits one.
+    free = h.kind in ("count", *IN_MOTION)
+    return some and not h.band and not free and unfit(planned)
 
 
 def unfit(planned: Mapping[Axis, FloatMap]) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 
 from fringeworks.patterns.plan import PatternPlan, Uniform
 from fringeworks.stack.agreement import JUMPS, LineEvidence
+from fringeworks.stack.explanations import MOVES
 from fringeworks.stack.hypothesis import Hypothesis, moved_back
 from fringeworks.types import Axis
 from fringeworks.types.numbers import number
@@ -49,7 +50,7 @@ def moving_all_the_time(
             f"the camera or the scene moved {word}, by about {number(size, 2)} px from frame to "
             "frame"
         )
-        yield _along(plan, "moving", words, {axis: v * places for axis, v in speeds.items()})
+        yield _along(plan, MOVES, words, {axis: v * places for axis, v in speeds.items()})
 
 
 def moved(
@@ -71,6 +72,13 @@ def moved(
             yield _along(plan, "moved", words, {axis: px * after for axis, px in sizes.items()})
 
 
+def at_rest(plan: PatternPlan, evidence: Mapping[Axis, LineEvidence]) -> Hypothesis:
+    """Frames as planned, half a pixel aside: as smooth as those that are moved back, whose pixels
+    are means of two neighbours and have less noise."""
+    aside = {axis: np.full(len(found.lines), 0.5) for axis, found in evidence.items()}
+    return _along(plan, MOVES, "", aside)
+
+
 def _along(
     plan: PatternPlan, kind: str, words: str, moves_px: Mapping[Axis, np.ndarray]
 ) -> Hypothesis:
@@ -83,8 +91,11 @@ def _fitting(
 ) -> float:
     """Size of a path along the lines, of either sign, with which the frames agree best."""
 
+    axis = found.decoding.axis
+
     def cost(size: float) -> float:
-        seen = found.cost(_along(plan, "moving", "", {found.decoding.axis: size * path}))
+        still = at_rest(plan, {axis: found})
+        seen = found.cost(_along(plan, MOVES, "", {axis: size * path}) if size else still)
         return np.inf if seen is None or not seen.size else float(np.mean(seen))
 
     tried = (0.0, *sizes, *(-size for size in sizes))

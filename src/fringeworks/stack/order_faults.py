@@ -25,7 +25,7 @@ from fringeworks.stack.explanations import (
     with_own_axes,
 )
 from fringeworks.stack.hypothesis import Hypothesis, changed, decoding_under, lagged
-from fringeworks.stack.moving_scene import misled, moved, moving_all_the_time
+from fringeworks.stack.moving_scene import at_rest, misled, moved, moving_all_the_time
 from fringeworks.stack.other_orders import orders_of_other_programs
 from fringeworks.stack.other_patterns import (
     AGAINST,
@@ -212,6 +212,9 @@ def _gain(
     new = np.concatenate([costs[axis][votes[axis]] for axis in axes])
     if not h.band and float(np.mean(new)) > FITS:
         return 0.0, h
+    if h.moves_px:
+        smooth = _costs(plan, at_rest(plan, evidence), evidence)
+        old = np.fmin(old, np.concatenate([smooth[axis] for axis in axes]))
     against = AGAINST if None not in h.places else AGAINST_UNSEEN
     against = AGAINST_ONE if h.lacks_one and h.plan is plan else against
     gain = gain_of(old, new, against)

@@ -20,6 +20,9 @@ FINER = (1.12, 1.06, 1.03)
 """Factors by which the best of them is then changed: places are right to a pixel over 20 frames."""
 BUMPS_PX = tuple(float(px) for px in (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16))
 """Camera px by which the image may move between two blocks."""
+ASIDE_PX = 0.5 - 12.0**-0.5
+"""Shift by which means of two neighbours have ⅔ of the variance of a pixel, px, as those of frames
+that are moved back by any part of a pixel have on average."""
 PATHS: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
     "steadily": lambda t: t,
     "ever faster": lambda t: t**2,
@@ -73,9 +76,9 @@ def moved(
 
 
 def at_rest(plan: PatternPlan, evidence: Mapping[Axis, LineEvidence]) -> Hypothesis:
-    """Frames as planned, half a pixel aside: as smooth as those that are moved back, whose pixels
-    are means of two neighbours and have less noise."""
-    aside = {axis: np.full(len(found.lines), 0.5) for axis, found in evidence.items()}
+    """Frames as planned, a part of a pixel aside: as smooth as those that are moved back, whose
+    pixels are means of two neighbours and have less noise."""
+    aside = {axis: np.full(len(found.lines), ASIDE_PX) for axis, found in evidence.items()}
     return _along(plan, MOVES, "", aside)
 
 

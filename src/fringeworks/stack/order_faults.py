@@ -214,7 +214,7 @@ def _gain(
         return 0.0, h
     if h.moves_px:
         smooth = _costs(plan, at_rest(plan, evidence), evidence)
-        old = np.fmin(old, np.concatenate([smooth[axis] for axis in axes]))
+        old = min(old, np.concatenate([smooth[axis] for axis in axes]), key=np.sum)
     against = AGAINST if None not in h.places else AGAINST_UNSEEN
     against = AGAINST_ONE if h.lacks_one and h.plan is plan else against
     gain = gain_of(old, new, against)

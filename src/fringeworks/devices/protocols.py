@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, Self, runtime_checkable
 
@@ -280,7 +281,7 @@ class Closing:
         return f"<{type(self).__name__} {getattr(self, 'name', '')}>"
 
 
-class TakenWhenAsked(Closing):
+class TakenWhenAsked(Closing, ABC):
     """Mix-in of cameras that take a frame when they are asked for one, which ``grab`` returns."""
 
     _size_px: tuple[int, int] | None = None
@@ -303,9 +304,9 @@ class TakenWhenAsked(Closing):
         """Forget a frame that was not returned yet."""
         self._ahead = None
 
+    @abstractmethod
     def _taken(self, timeout_s: float) -> Grab:
         """Take a frame."""
-        raise NotImplementedError
 
     def _sized(self) -> None:
         if self._size_px is None:

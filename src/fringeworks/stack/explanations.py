@@ -80,7 +80,7 @@ def with_one_start(found: list[Explanation]) -> list[Explanation]:
     """The explanations without those by the start of a set of which several fit as well, if there
     are others: such a set rather has other fringes than another start."""
     gains: dict[str, list[float]] = {}
-    for gain, h in sorted(found, key=lambda one: -one[0]):
+    for gain, h in best_first(found):
         gains.setdefault(h.words.split("(")[0], []).append(gain)
 
     def vague(h: Hypothesis) -> bool:

@@ -93,7 +93,6 @@ def _fitting(
     plan: PatternPlan, found: LineEvidence, path: np.ndarray, sizes: Sequence[float]
 ) -> float:
     """Size of a path along the lines, of either sign, with which the frames agree best."""
-
     axis = found.decoding.axis
 
     def cost(size: float) -> float:
@@ -102,10 +101,10 @@ def _fitting(
         return np.inf if seen is None or not seen.size else float(np.mean(seen))
 
     tried = (0.0, *sizes, *(-size for size in sizes))
-    best, speed = min((cost(speed), speed) for speed in tried)
-    for factor in FINER:
-        best, speed = min((best, speed), *((cost(s), s) for s in (speed * factor, speed / factor)))
-    return speed
+    best, size = min((cost(size), size) for size in tried)
+    for factor in FINER if size else ():
+        best, size = min((best, size), *((cost(s), s) for s in (size * factor, size / factor)))
+    return size
 
 
 def misled(evidence: Mapping[Axis, LineEvidence], h: Hypothesis) -> bool:

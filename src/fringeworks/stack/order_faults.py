@@ -49,7 +49,6 @@ LAGS = (1, -1, 2, -2, 3, -3)
 WORTH = 0.1
 """Smallest gain of faults that leave most coordinates nearly right, as a share of the pixels."""
 
-
 SMOOTH = ("moved", "start", "band")
 """Kinds of these faults: a scene that moved, steps with an unusual start, and bands of rows."""
 
@@ -57,14 +56,11 @@ AGAINST_UNSEEN = 0.5
 """The same for orders in which no frame shows a pattern: a bit that is tried dark and bright
 costs all pixels a little."""
 
-
 CHANGED = 0.02
 """Difference of the costs of a vote from which on a hypothesis changes it."""
 
-
 REPEATED = 0.3
 """Share of the difference of two patterns that blur leaves."""
-
 
 MANY = 20
 """Number of frames from which on swapped pairs, 190 and more, are first tried at few lines."""
@@ -128,7 +124,8 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence, *, moves: bool = 
     if suspicious:
         likely = _likely(plan, _hypotheses(plan, evidence, by_code), evidence)
         candidates = chain(likely, candidates)
-    gains = [_gain(plan, h, evidence, planned) for h in candidates]
+    still = _still(plan, evidence, planned) if suspicious else planned
+    gains = [_gain(plan, h, evidence, still if h.moves_px else planned) for h in candidates]
     fitting = [one for one in gains if near(one, planned)]
     if repeated:
         # A last bit that repeats the one before is no code of one bit less.
@@ -198,6 +195,15 @@ def _few_lines(evidence: Evidence) -> Evidence:
     }
 
 
+def _still(
+    plan: PatternPlan, evidence: Evidence, planned: Mapping[Axis, FloatMap]
+) -> Mapping[Axis, FloatMap]:
+    """What the plan costs beside frames that are moved back: as smooth as these, where that is
+    less."""
+    smooth = _costs(plan, at_rest(plan, evidence), evidence)
+    return min(planned, smooth, key=lambda costs: sum(float(np.sum(c)) for c in costs.values()))
+
+
 def _gain(
     plan: PatternPlan, h: Hypothesis, evidence: Evidence, planned: Mapping[Axis, FloatMap]
 ) -> Explanation:
@@ -212,9 +218,6 @@ def _gain(
     new = np.concatenate([costs[axis][votes[axis]] for axis in axes])
     if not h.band and float(np.mean(new)) > FITS:
         return 0.0, h
-    if h.moves_px:
-        smooth = _costs(plan, at_rest(plan, evidence), evidence)
-        old = min(old, np.concatenate([smooth[axis] for axis in axes]), key=np.sum)
     against = AGAINST if None not in h.places else AGAINST_UNSEEN
     against = AGAINST_ONE if h.lacks_one and h.plan is plan else against
     gain = gain_of(old, new, against)
